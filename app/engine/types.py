@@ -1,0 +1,337 @@
+"""Data types of the engine: frozen dataclasses over numpy arrays.
+
+Conventions (frames, units, time) are those of :mod:`app.engine`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.engine.errors import InputError
+
+Float64Array = NDArray[np.float64]
+Float32Array = NDArray[np.float32]
+BoolArray = NDArray[np.bool_]
+Progress = Callable[[float, str], None]
+"""``progress(fraction, what)``: called now and then with 0..1 and a short phrase."""
+
+
+class FeatureSet(StrEnum):
+    """What of the field is compared with the map."""
+
+    VECTOR = "vector"
+    HV = "hv"
+    TOTAL = "total"
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Names of the channels, in storage order."""
+        return _CHANNELS[self]
+
+
+_CHANNELS: dict[FeatureSet, tuple[str, ...]] = {
+    FeatureSet.VECTOR: ("x", "y", "z"),
+    FeatureSet.HV: ("h", "v"),
+    FeatureSet.TOTAL: ("total",),
+}
+
+
+class Status(StrEnum):
+    """What a fix claims."""
+
+    OK = "ok"
+    AMBIGUOUS = "ambiguous"
+    INSUFFICIENT = "insufficient"
+    OFF_MAP = "off_map"
+    DISTURBED = "disturbed"
+
+
+@dataclass(frozen=True, slots=True)
+class ImuSamples:
+    """Magnetometer and inertial samples on one time base.
+
+    Attributes
+    ----------
+    t : array, shape (n,), s
+        UTC seconds, strictly increasing.
+    mag : array, shape (n, 3), uT, body frame
+    acc : array, shape (n, 3), m/s^2, body frame
+        Specific force (gravity included: at rest the reading points up).
+    gyro : array, shape (n, 3), rad/s, body frame
+    """
+
+    t: Float64Array
+    mag: Float64Array
+    acc: Float64Array
+    gyro: Float64Array
+
+    def __post_init__(self) -> None:
+        n = self.t.shape[0] if self.t.ndim == 1 else -1
+        if n < 0:
+            raise InputError("t", f"needs shape (n,), got {self.t.shape}")
+        for name in ("mag", "acc", "gyro"):
+            shape = getattr(self, name).shape
+            if shape != (n, 3):
+                raise InputError(name, f"needs shape ({n}, 3), got {shape}")
+
+    def __len__(self) -> int:
+        return int(self.t.shape[0])
+
+
+@dataclass(frozen=True, slots=True)
+class RadioScans:
+    """Wi-Fi or BLE readings: one row per access point seen.
+
+    Attributes
+    ----------
+    t : array, shape (m,), s
+        UTC seconds at which the access point was last seen.
+    address : tuple of str, length m
+    rssi : array, shape (m,), dBm
+    """
+
+    t: Float64Array
+    address: tuple[str, ...]
+    rssi: Float64Array
+
+
+@dataclass(frozen=True, slots=True)
+class Segment:
+    """One uploaded chunk of a session: samples and optional aids."""
+
+    samples: ImuSamples
+    wifi: RadioScans | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Waypoints:
+    """Labelled positions of a survey walk: ``t`` (m,) s, ``x`` and ``y`` (m,) metres, level frame."""
+
+    t: Float64Array
+    x: Float64Array
+    y: Float64Array
+
+    def __len__(self) -> int:
+        return int(self.t.shape[0])
+
+
+@dataclass(frozen=True, slots=True)
+class SurveyWalk:
+    """Samples with known positions.
+
+    Attributes
+    ----------
+    walk_id : str
+    samples : ImuSamples
+    waypoints : Waypoints
+        At least two, strictly increasing in time.
+    wifi : RadioScans or None
+    """
+
+    walk_id: str
+    samples: ImuSamples
+    waypoints: Waypoints
+    wifi: RadioScans | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class GridMap:
+    """Magnetic map of a level on a regular grid.
+
+    Node ``[r, c]`` lies at ``(x0 + c * cell_m, y0 + r * cell_m)`` in the level frame.
+
+    Attributes
+    ----------
+    level_id : str
+    features : FeatureSet
+    x0, y0 : float, m
+        Position of node ``[0, 0]``.
+    cell_m : float, m
+    mean, sd : array, shape (channels, rows, columns), float32, uT
+        Field and the standard deviation of the *map* (sensor noise is not in it). Far from all
+        samples these are the level's mean and spread: an unmapped node is finite but uninformative.
+    support : array, shape (rows, columns), float32, m
+        Distance to the nearest survey sample, capped at ``support_cap_m``.
+    mapped_m : float
+        A node with ``support <= mapped_m`` counts as mapped.
+    noise_sd : tuple of float, uT
+        Repeatability per channel: what two walks over the same spot differ by after their offsets
+        are removed.
+    """
+
+    level_id: str
+    features: FeatureSet
+    x0: float
+    y0: float
+    cell_m: float
+    mean: Float32Array
+    sd: Float32Array
+    support: Float32Array
+    mapped_m: float
+    noise_sd: tuple[float, ...]
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows, columns."""
+        return int(self.mean.shape[1]), int(self.mean.shape[2])
+
+    @property
+    def mapped(self) -> BoolArray:
+        """Boolean mask of mapped nodes, shape (rows, columns)."""
+        mask: BoolArray = self.support <= self.mapped_m
+        return mask
+
+    @property
+    def extent(self) -> tuple[float, float, float, float]:
+        """``(x_min, y_min, x_max, y_max)`` of the nodes, metres."""
+        rows, columns = self.shape
+        return (
+            self.x0,
+            self.y0,
+            self.x0 + (columns - 1) * self.cell_m,
+            self.y0 + (rows - 1) * self.cell_m,
+        )
+
+
+class MapSource(Protocol):
+    """Gives a tracker the maps it may use."""
+
+    def level_ids(self) -> tuple[str, ...]:
+        """Levels the session may be on."""
+        ...
+
+    def grid_map(self, level_id: str) -> GridMap:
+        """Map of one level."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class Prior:
+    """What is known before the first segment.
+
+    ``x`` and ``y`` are both given (a disc of ``radius_m``, uniform inside) or both None (anywhere on the
+    level). ``heading`` is the direction of the device's y axis in the level frame, radians
+    counter-clockwise from +x; None means unknown.
+    """
+
+    level_id: str
+    x: float | None = None
+    y: float | None = None
+    radius_m: float = 3.0
+    heading: float | None = None
+    heading_sd: float = 0.35
+
+    def __post_init__(self) -> None:
+        if (self.x is None) != (self.y is None):
+            raise InputError("prior", "x and y must be given together or not at all")
+
+
+@dataclass(frozen=True, slots=True)
+class Fix:
+    """One position.
+
+    Attributes
+    ----------
+    t : float, s
+        UTC seconds. A fix uses samples up to ``t`` (and the few tenths of a second after it that
+        confirm a step), never later ones.
+    level_id : str
+    x, y : float, m, level frame
+    cov_xx, cov_xy, cov_yy : float, m^2
+        Covariance whose 95 % ellipse (scale ``sqrt(5.991)``) is the promise.
+    heading : float, rad
+        Direction of motion, counter-clockwise from +x.
+    status : Status
+    quality : float
+        0 (nothing known) to 1; ``sure`` marks fixes that may be acted on.
+    sure : bool
+    walk_on_m : float or None
+        With ``insufficient``: about how many more metres are needed.
+    """
+
+    t: float
+    level_id: str
+    x: float
+    y: float
+    cov_xx: float
+    cov_xy: float
+    cov_yy: float
+    heading: float
+    status: Status
+    quality: float
+    sure: bool
+    walk_on_m: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class TrackerState:
+    """State of a tracker between two segments: opaque bytes that carry their own version.
+
+    ``last_t`` is the time of the newest sample seen (None before the first).
+    """
+
+    method: str
+    payload: bytes
+    last_t: float | None = None
+
+
+class Tracker(Protocol):
+    """A recursive method: state and segment in, state and fixes out.
+
+    A tracker holds parameters only. The same state and segment always give the same answer (the random
+    generator is part of the state), so any worker may take the next segment and may take it again
+    after a crash.
+    """
+
+    def start(self, prior: Prior, *, seed: int) -> TrackerState:
+        """State before the first segment."""
+        ...
+
+    def step(
+        self, state: TrackerState, segment: Segment, map_source: MapSource
+    ) -> tuple[TrackerState, tuple[Fix, ...]]:
+        """Advance by one segment; fixes are in time order, one per step walked and one at its end."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class MapBuildSettings:
+    """What a surveyor may choose about a map; everything else is fitted."""
+
+    features: FeatureSet = FeatureSet.VECTOR
+    cell_m: float = 0.5
+    mapped_m: float = 1.5
+    extent: tuple[float, float, float, float] | None = None
+    """``(x_min, y_min, x_max, y_max)``; None: the samples' bounding box and a margin."""
+
+
+@dataclass(frozen=True, slots=True)
+class WalkReport:
+    """What map building found out about one survey walk."""
+
+    walk_id: str
+    n_steps: int
+    length_m: float
+    offset: tuple[float, ...]
+    """Estimated body-frame field offset of the walk, uT (x, y, z)."""
+    residual_rms: float
+    rejected: str | None = None
+    """Why the walk was left out, if it was."""
+
+
+@dataclass(frozen=True, slots=True)
+class MapBuild:
+    """A built map and the report about it."""
+
+    grid_map: GridMap
+    walks: tuple[WalkReport, ...]
+    n_samples: int
+    length_scale_m: float
+    field_sd: tuple[float, ...]
+    parameters: dict[str, float] = field(default_factory=dict)

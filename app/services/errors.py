@@ -1,0 +1,94 @@
+"""Errors of the use cases; they know no HTTP.
+
+::
+
+    ServiceError
+    ├── NotFoundError         no such thing (names kind and id)
+    ├── ConflictError         the thing exists but its state forbids this
+    │   ├── SequenceConflictError   this ``seq`` was sent before with other content
+    │   ├── SequenceGapError        an earlier ``seq`` is missing (says which is expected)
+    │   └── SessionClosedError
+    ├── InvalidError          a field that cannot be accepted (names the field and the remedy)
+    ├── NoMapError            the level has no map yet (says how to get one)
+    ├── ForbiddenError        the key lacks a scope
+    └── OverloadedError       queue full: come back after ``retry_after_s``
+"""
+
+
+class ServiceError(Exception):
+    """Base of the errors services raise on purpose."""
+
+
+class NotFoundError(ServiceError):
+    """No thing of this kind has this id."""
+
+    def __init__(self, kind: str, id_: str) -> None:
+        super().__init__(f"no {kind} {id_!r}")
+        self.kind = kind
+        self.id = id_
+
+
+class ConflictError(ServiceError):
+    """The request contradicts what is stored."""
+
+
+class SequenceConflictError(ConflictError):
+    """A segment number was used before with other content."""
+
+    def __init__(self, seq: int) -> None:
+        super().__init__(f"seq {seq} was received before with other content; send new samples under a new seq")
+        self.seq = seq
+
+
+class SequenceGapError(ConflictError):
+    """A segment arrived before its predecessor."""
+
+    def __init__(self, seq: int, expected: int) -> None:
+        super().__init__(f"seq {seq} cannot be taken yet; send seq {expected} first")
+        self.seq = seq
+        self.expected = expected
+
+
+class SessionClosedError(ConflictError):
+    """The session takes no more segments."""
+
+    def __init__(self, session_id: str) -> None:
+        super().__init__(f"session {session_id} is closed; open a new session")
+
+
+class InvalidError(ServiceError):
+    """A value that cannot be accepted.
+
+    ``field`` is the path in the request (``samples.mag.x``), ``message`` says what is wrong, ``remedy`` what
+    would be accepted.
+    """
+
+    def __init__(self, field: str, message: str, remedy: str) -> None:
+        super().__init__(f"{field}: {message}; {remedy}")
+        self.field = field
+        self.message = message
+        self.remedy = remedy
+
+
+class NoMapError(ServiceError):
+    """A level has no map to match against."""
+
+    def __init__(self, level_id: str) -> None:
+        super().__init__(f"level {level_id} has no map; upload survey walks and POST /v1/maps")
+        self.level_id = level_id
+
+
+class ForbiddenError(ServiceError):
+    """The key is valid but lacks a scope."""
+
+    def __init__(self, scope: str) -> None:
+        super().__init__(f"this key lacks the scope {scope!r}")
+        self.scope = scope
+
+
+class OverloadedError(ServiceError):
+    """The service has as much work as it accepts."""
+
+    def __init__(self, retry_after_s: float) -> None:
+        super().__init__(f"too much work queued; retry after {retry_after_s:.0f} s")
+        self.retry_after_s = retry_after_s

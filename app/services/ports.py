@@ -1,0 +1,246 @@
+"""Ports: what the use cases need from storage and workers. Adapters live in ``app.storage`` and ``app.workers``.
+
+Repositories own all queries; a unit of work is one transaction. Nothing here names a database.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Future
+from contextlib import AbstractContextManager
+from datetime import datetime
+from typing import Protocol, TypeVar
+
+from app.engine.types import Fix, GridMap, Progress, Segment, SurveyWalk, TrackerState
+from app.services.records import (
+    Anchor,
+    ApiKey,
+    Device,
+    Job,
+    JobKind,
+    JobState,
+    Level,
+    MapInfo,
+    NewSegment,
+    NewWalk,
+    Page,
+    Position,
+    SegmentInfo,
+    Session,
+    Stats,
+    Survey,
+    Venue,
+    Walk,
+)
+from app.services.tasks import MapRef
+
+Spec = TypeVar("Spec")
+Result = TypeVar("Result")
+
+
+class Executor(Protocol):
+    """Runs tasks somewhere: inline, in threads, in processes, on other machines."""
+
+    def submit(
+        self,
+        task: Callable[[Spec, Progress], Result],
+        spec: Spec,
+        *,
+        affinity: str = "",
+        on_progress: Progress | None = None,
+    ) -> Future[Result]:
+        """Start a task. Equal ``affinity`` prefers the same worker (it holds the map already).
+
+        A worker that dies fails the future with :class:`WorkerLostError`; the pool mends itself.
+        """
+        ...
+
+    def close(self) -> None:
+        """Stop all workers; running tasks are abandoned (their jobs are still in the database)."""
+        ...
+
+
+class WorkerLostError(Exception):
+    """The worker died while it held the task; the task may be submitted again."""
+
+
+class VenueRepository(Protocol):
+    """Venues and levels."""
+
+    def add(self, venue: Venue) -> None: ...
+    def get(self, venue_id: str) -> Venue: ...
+    def list(self, *, cursor: str | None, limit: int) -> Page[Venue]: ...
+    def update(self, venue_id: str, *, name: str, anchor: Anchor | None, now: datetime) -> Venue: ...
+    def delete(self, venue_id: str) -> None: ...
+
+
+class LevelRepository(Protocol):
+    """Levels with their plans."""
+
+    def add(self, level: Level) -> None: ...
+    def get(self, level_id: str) -> Level: ...
+    def list(self, *, venue_id: str | None, cursor: str | None, limit: int) -> Page[Level]: ...
+    def set_plan_image(self, level_id: str, png: bytes, now: datetime) -> None: ...
+    def plan_image(self, level_id: str) -> bytes | None: ...
+    def set_vector_plan(self, level_id: str, geojson: bytes, now: datetime) -> None: ...
+    def vector_plan(self, level_id: str) -> bytes | None: ...
+    def set_current_map(self, level_id: str, map_id: str, now: datetime) -> None: ...
+
+
+class DeviceRepository(Protocol):
+    """Sensor carriers."""
+
+    def add(self, device: Device) -> None: ...
+    def get(self, device_id: str) -> Device: ...
+    def list(self, *, cursor: str | None, limit: int) -> Page[Device]: ...
+
+
+class SurveyRepository(Protocol):
+    """Surveys and their walks."""
+
+    def add(self, survey: Survey) -> None: ...
+    def get(self, survey_id: str) -> Survey: ...
+    def list(self, *, level_id: str | None, cursor: str | None, limit: int) -> Page[Survey]: ...
+    def add_walk(self, walk: Walk, data: NewWalk) -> None: ...
+    def get_walk(self, walk_id: str) -> Walk: ...
+    def find_walk(self, survey_id: str, content_hash: str) -> Walk | None: ...
+    def list_walks(self, survey_id: str, *, cursor: str | None, limit: int) -> Page[Walk]: ...
+    def delete_walk(self, walk_id: str) -> None: ...
+    def load_walks(self, level_id: str, survey_ids: Sequence[str]) -> Sequence[SurveyWalk]:
+        """Samples of all walks of the level (of these surveys only, when any are named), oldest first."""
+        ...
+
+
+class MapRepository(Protocol):
+    """Immutable map versions as content-hashed tiles."""
+
+    def add(self, info: MapInfo, grid_map: GridMap) -> None: ...
+    def get(self, map_id: str) -> MapInfo: ...
+    def list(self, *, level_id: str | None, cursor: str | None, limit: int) -> Page[MapInfo]: ...
+    def next_version(self, level_id: str) -> int: ...
+    def load(self, map_id: str) -> GridMap: ...
+
+
+class SessionRepository(Protocol):
+    """Sessions, their segments, tracker state and fixes."""
+
+    def add(self, session: Session) -> None: ...
+    def get(self, session_id: str) -> Session: ...
+    def list(
+        self, *, level_id: str | None, device_id: str | None, status: str | None, cursor: str | None, limit: int
+    ) -> Page[Session]: ...
+    def close(self, session_id: str, now: datetime) -> Session: ...
+    def add_segment(self, session_id: str, segment: NewSegment, job_id: str, now: datetime) -> None:
+        """Store the raw samples as compressed columns and advance ``next_seq``."""
+        ...
+
+    def get_segment(self, session_id: str, seq: int) -> SegmentInfo: ...
+    def list_segments(self, session_id: str, *, cursor: str | None, limit: int) -> Page[SegmentInfo]: ...
+    def last_segment(self, session_id: str) -> SegmentInfo | None: ...
+    def load_segment(self, session_id: str, seq: int) -> Segment: ...
+    def state(self, session_id: str) -> TrackerState | None: ...
+    def record_result(
+        self, session_id: str, seq: int, state: TrackerState, fixes: Sequence[Fix], now: datetime
+    ) -> None:
+        """Store new state and fixes, and mark the segment processed."""
+        ...
+
+    def record_failure(self, session_id: str, seq: int, error: str, now: datetime) -> None: ...
+    def list_positions(self, session_id: str, *, seq: int | None, cursor: str | None, limit: int) -> Page[Position]:
+        """Fixes in time order; the cursor is the ``number`` of the last one seen."""
+        ...
+
+
+class JobRepository(Protocol):
+    """The durable queue."""
+
+    def add(self, job: Job) -> None: ...
+    def get(self, job_id: str) -> Job: ...
+    def list(self, *, kind: JobKind | None, state: JobState | None, cursor: str | None, limit: int) -> Page[Job]: ...
+    def claim(self, *, limit: int, now: datetime) -> Sequence[Job]:
+        """Mark up to ``limit`` queued jobs as running, oldest first, at most one per ``order_key`` and none
+        whose key already has one running; ``attempts`` grows by one."""
+        ...
+
+    def requeue_running(self) -> int:
+        """At start-up: what was running when the process died is queued again."""
+        ...
+
+    def requeue(self, job_id: str) -> None: ...
+    def set_progress(self, job_id: str, fraction: float, text: str) -> None: ...
+    def finish(
+        self,
+        job_id: str,
+        state: JobState,
+        now: datetime,
+        *,
+        result: Mapping[str, str | int | float] | None = None,
+        error: str | None = None,
+    ) -> bool:
+        """Move a *running* (or, for cancellation, queued) job to a final state; False if it was final already."""
+        ...
+
+    def count(self, *states: JobState) -> int: ...
+
+
+class KeyRepository(Protocol):
+    """API keys by the hash of their secret."""
+
+    def add(self, key: ApiKey, secret_hash: str) -> None: ...
+    def find(self, secret_hash: str) -> ApiKey | None: ...
+    def get(self, key_id: str) -> ApiKey: ...
+    def list(self, *, cursor: str | None, limit: int) -> Page[ApiKey]: ...
+    def revoke(self, key_id: str, now: datetime) -> ApiKey: ...
+    def touch(self, key_id: str, now: datetime) -> None: ...
+    def count(self) -> int: ...
+
+
+class IdempotencyRepository(Protocol):
+    """Answers given to creating posts with an ``Idempotency-Key``, kept for a day."""
+
+    def find(self, key_id: str, idempotency_key: str) -> tuple[str, str] | None:
+        """``(request hash, created id)``."""
+        ...
+
+    def add(self, key_id: str, idempotency_key: str, request_hash: str, created_id: str, now: datetime) -> None: ...
+
+
+class UnitOfWork(Protocol):
+    """One transaction. Leaves by commit (normal exit) or roll-back (exception)."""
+
+    venues: VenueRepository
+    levels: LevelRepository
+    devices: DeviceRepository
+    surveys: SurveyRepository
+    maps: MapRepository
+    sessions: SessionRepository
+    jobs: JobRepository
+    keys: KeyRepository
+    idempotency: IdempotencyRepository
+
+    def stats(self) -> Stats: ...
+
+
+class UnitOfWorkFactory(Protocol):
+    """Opens transactions. ``write=True`` takes the write lock at once (``BEGIN IMMEDIATE`` on SQLite)."""
+
+    def __call__(self, *, write: bool = False) -> AbstractContextManager[UnitOfWork]: ...
+
+
+class MapCache(Protocol):
+    """Local cache of assembled maps, by content hash, as files that workers memory-map."""
+
+    def ref(self, info: MapInfo, load: Callable[[], GridMap]) -> MapRef:
+        """File of this map; ``load`` fills it when it is missing."""
+        ...
+
+    def open(self, ref: MapRef) -> GridMap:
+        """Memory-map a cached map."""
+        ...
+
+
+class JobListener(Protocol):
+    """Told after commit that a job reached a final state (or that there is new work)."""
+
+    def job_queued(self, job: Job) -> None: ...
+    def job_finished(self, job: Job) -> None: ...

@@ -1,0 +1,61 @@
+"""What crosses the boundary to a worker: values and map hashes, never a database handle.
+
+A task is a module-level function of :mod:`app.workers.tasks` that takes one spec and returns one result; specs and
+results pickle.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from app.engine.types import Fix, MapBuild, MapBuildSettings, Prior, Segment, SurveyWalk, TrackerState
+
+
+@dataclass(frozen=True, slots=True)
+class MapRef:
+    """A map in the local cache: the worker memory-maps ``path`` and keeps it by ``hash``."""
+
+    level_id: str
+    hash: str
+    path: Path
+
+
+@dataclass(frozen=True, slots=True)
+class LocateSpec:
+    """Take one segment of a session (or a one-shot segment: ``state`` None)."""
+
+    method: str
+    parameters: Mapping[str, object]
+    prior: Prior
+    seed: int
+    state: TrackerState | None
+    segment: Segment
+    maps: tuple[MapRef, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class LocateResult:
+    """New tracker state and the fixes of the segment."""
+
+    state: TrackerState
+    fixes: tuple[Fix, ...]
+    cpu_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class BuildSpec:
+    """Build a map of one level."""
+
+    level_id: str
+    walks: tuple[SurveyWalk, ...]
+    settings: MapBuildSettings
+
+
+@dataclass(frozen=True, slots=True)
+class BuildResult:
+    """The built map."""
+
+    build: MapBuild
+    cpu_s: float
