@@ -1,0 +1,80 @@
+"""Settings of the service, from the environment (prefix ``ISODYN_``) or a ``.env`` file.
+
+Every setting is described in ``docs/settings.md``; a test keeps the two in step.
+"""
+
+from __future__ import annotations
+
+import os
+from enum import StrEnum
+from pathlib import Path
+
+from pydantic import Field
+from pydantic_settings import BaseSettings, SettingsConfigDict
+
+
+class PoolKind(StrEnum):
+    """Where tasks run."""
+
+    INLINE = "inline"
+    THREADS = "threads"
+    PROCESSES = "processes"
+
+
+class LogLevel(StrEnum):
+    """Least severe message that is written."""
+
+    DEBUG = "debug"
+    INFO = "info"
+    WARNING = "warning"
+    ERROR = "error"
+
+
+class Durability(StrEnum):
+    """What an acknowledged write survives: ``normal`` a killed process, ``full`` a power cut as well."""
+
+    NORMAL = "normal"
+    FULL = "full"
+
+
+def _default_workers() -> int:
+    return max(1, len(os.sched_getaffinity(0)))
+
+
+class Settings(BaseSettings):
+    """All settings, checked at start."""
+
+    model_config = SettingsConfigDict(env_prefix="ISODYN_", env_file=".env", extra="ignore", frozen=True)
+
+    data_dir: Path = Field(default=Path("data"), description="Folder of the database, map cache and compiled kernels.")
+    host: str = Field(default="127.0.0.1", description="Address to listen on; 0.0.0.0 for all interfaces.")
+    port: int = Field(default=8080, ge=0, le=65535, description="TCP port; 0 takes a free one.")
+    database_durability: Durability = Field(
+        default=Durability.NORMAL, description="Whether an acknowledged write survives a power cut (full) or not (normal)."
+    )
+
+    pool: PoolKind = Field(default=PoolKind.PROCESSES, description="Where tasks run: inline, threads or processes.")
+    workers: int = Field(default_factory=_default_workers, ge=1, le=256, description="Workers that locate segments.")
+    maps_per_worker: int = Field(default=16, ge=1, description="Maps a worker keeps open.")
+    segment_time_limit_s: float = Field(
+        default=60.0, gt=0, description="A worker process that takes longer over a segment is replaced."
+    )
+    build_time_limit_s: float = Field(
+        default=3600.0, gt=0, description="A worker process that takes longer over a map is replaced."
+    )
+    worker_start_timeout_s: float = Field(
+        default=120.0, gt=0, description="How long the first start may take (kernels are compiled once)."
+    )
+    shutdown_grace_s: float = Field(
+        default=10.0, ge=0, description="How long a stop waits for running tasks; the rest is done after the next start."
+    )
+
+    max_body_bytes: int = Field(default=8 * 2**20, ge=1024, description="Largest request body, inflated.")
+    max_queued_jobs: int = Field(default=1000, ge=1, description="Unfinished jobs accepted before 503.")
+    max_wait_s: float = Field(default=30.0, ge=0, description="Longest `Prefer: wait=N` that is honoured.")
+    rate_limit_per_minute: int = Field(default=6000, ge=0, description="Requests a key may make a minute; 0: no limit.")
+    rate_limit_burst: int = Field(default=200, ge=1, description="Requests a key may make at once.")
+    cors_origins: tuple[str, ...] = Field(default=(), description="Origins (JSON list) whose pages may call the API.")
+
+    log_level: LogLevel = Field(default=LogLevel.INFO, description="Least severe message that is written.")
+    log_json: bool = Field(default=False, description="One JSON object a line instead of text.")
