@@ -284,6 +284,24 @@ class NewBuild:
 
 
 @dataclass(frozen=True, slots=True)
+class PackedTile:
+    """One tile of a map, compressed; ``row`` and ``column`` count tiles, ``hash`` is that of the content."""
+
+    hash: str
+    row: int
+    column: int
+    data: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class PackedMap:
+    """A map as it is stored; ``hash`` covers header and tiles."""
+
+    hash: str
+    tiles: tuple[PackedTile, ...]
+
+
+@dataclass(frozen=True, slots=True)
 class ApiKey:
     """A key without its secret. The secret is ``isk_<id part>_<random>``, hashed (SHA-256) at rest."""
 

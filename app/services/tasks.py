@@ -6,11 +6,11 @@ results pickle.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from app.engine.types import Fix, MapBuild, MapBuildSettings, Prior, Segment, SurveyWalk, TrackerState
+from app.engine.types import Fix, MapBuild, MapBuildSettings, Prior, Progress, Segment, SurveyWalk, TrackerState
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,3 +59,7 @@ class BuildResult:
 
     build: MapBuild
     cpu_s: float
+
+
+LocateTask = Callable[[LocateSpec, Progress], LocateResult]
+BuildTask = Callable[[BuildSpec, Progress], BuildResult]

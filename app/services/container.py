@@ -1,0 +1,73 @@
+"""All use cases, wired once per process by a composition root."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from app.services.accounts import AccountService
+from app.services.clock import Clock
+from app.services.devices import DeviceService
+from app.services.idempotency import IdempotencyService
+from app.services.jobs import JobService
+from app.services.locate import LocateService
+from app.services.maps import MapService
+from app.services.methods import MethodCheck, check_method
+from app.services.ports import Executor, JobListener, MapCache, UnitOfWorkFactory
+from app.services.processing import ProcessingService
+from app.services.sessions import SessionService
+from app.services.stats import StatsService
+from app.services.surveys import SurveyService
+from app.services.tasks import LocateTask
+from app.services.venues import VenueService
+
+DEFAULT_MAX_QUEUED = 10_000
+
+
+@dataclass(frozen=True, slots=True)
+class Services:
+    """The use cases of one process."""
+
+    venues: VenueService
+    devices: DeviceService
+    surveys: SurveyService
+    maps: MapService
+    sessions: SessionService
+    locate: LocateService
+    jobs: JobService
+    processing: ProcessingService
+    accounts: AccountService
+    idempotency: IdempotencyService
+    stats: StatsService
+
+
+def build_services(
+    *,
+    uow: UnitOfWorkFactory,
+    clock: Clock,
+    executor: Executor,
+    cache: MapCache,
+    listener: JobListener,
+    locate_task: LocateTask,
+    max_queued: int = DEFAULT_MAX_QUEUED,
+    check: MethodCheck = check_method,
+) -> Services:
+    """Wire the use cases.
+
+    ``locate_task`` is what workers run for a one-shot location (``app.workers.tasks.locate_segment``): the use
+    cases know that it exists, not where it lives.
+    """
+    return Services(
+        venues=VenueService(uow=uow, clock=clock),
+        devices=DeviceService(uow=uow, clock=clock),
+        surveys=SurveyService(uow=uow, clock=clock),
+        maps=MapService(uow=uow, clock=clock, cache=cache, listener=listener),
+        sessions=SessionService(
+            uow=uow, clock=clock, cache=cache, listener=listener, max_queued=max_queued, check=check
+        ),
+        locate=LocateService(uow=uow, clock=clock, executor=executor, cache=cache, task=locate_task, check=check),
+        jobs=JobService(uow=uow, clock=clock, listener=listener),
+        processing=ProcessingService(uow=uow, clock=clock, cache=cache),
+        accounts=AccountService(uow=uow, clock=clock),
+        idempotency=IdempotencyService(uow=uow, clock=clock),
+        stats=StatsService(uow=uow, clock=clock),
+    )

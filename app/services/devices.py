@@ -1,0 +1,29 @@
+"""Devices: physical sensor carriers."""
+
+from __future__ import annotations
+
+from app.services.base import DEFAULT_LIMIT, Service, check_limit
+from app.services.ids import new_id
+from app.services.records import Device, Page
+
+
+class DeviceService(Service):
+    """Create and read devices."""
+
+    def create(self, name: str, model: str | None = None) -> Device:
+        """Create a device."""
+        now = self._clock()
+        device = Device(new_id("dev", now), name, model, created_at=now)
+        with self._uow(write=True) as uow:
+            uow.devices.add(device)
+        return device
+
+    def get(self, device_id: str) -> Device:
+        """One device."""
+        with self._uow() as uow:
+            return uow.devices.get(device_id)
+
+    def list(self, cursor: str | None = None, limit: int = DEFAULT_LIMIT) -> Page[Device]:
+        """Devices, newest first."""
+        with self._uow() as uow:
+            return uow.devices.list(cursor=cursor, limit=check_limit(limit))

@@ -1,0 +1,58 @@
+"""Jobs: what is queued, running and finished."""
+
+from __future__ import annotations
+
+from app.services.base import DEFAULT_LIMIT, Service, check_limit
+from app.services.clock import Clock
+from app.services.errors import ConflictError
+from app.services.ports import JobListener, UnitOfWork, UnitOfWorkFactory
+from app.services.records import Job, JobKind, JobState, Page
+
+CANCELLED = "cancelled on request"
+
+
+class JobService(Service):
+    """Read and cancel jobs."""
+
+    def __init__(self, *, uow: UnitOfWorkFactory, clock: Clock, listener: JobListener) -> None:
+        super().__init__(uow=uow, clock=clock)
+        self._listener = listener
+
+    def get(self, job_id: str) -> Job:
+        """One job."""
+        with self._uow() as uow:
+            return uow.jobs.get(job_id)
+
+    def list(
+        self,
+        kind: JobKind | None = None,
+        state: JobState | None = None,
+        cursor: str | None = None,
+        limit: int = DEFAULT_LIMIT,
+    ) -> Page[Job]:
+        """Jobs, newest first."""
+        with self._uow() as uow:
+            return uow.jobs.list(kind=kind, state=state, cursor=cursor, limit=check_limit(limit))
+
+    def cancel(self, job_id: str) -> Job:
+        """Cancel a queued or running job; a worker's later answer is dropped.
+
+        Cancelling twice changes nothing; ConflictError if the job ended in another way.
+        """
+        now = self._clock()
+        with self._uow(write=True) as uow:
+            cancelled = uow.jobs.finish(job_id, JobState.CANCELLED, now, error=CANCELLED)
+            job = uow.jobs.get(job_id)
+            if cancelled:
+                record_segment_failure(uow, job, CANCELLED)
+        if cancelled:
+            self._listener.job_finished(job)
+        elif job.state is not JobState.CANCELLED:
+            raise ConflictError(f"job {job_id} is {job.state} already and cannot be cancelled")
+        return job
+
+
+def record_segment_failure(uow: UnitOfWork, job: Job, error: str) -> None:
+    """Note on the job's segment, if it has one, that it gave no fixes; the session goes on with the state it had."""
+    if job.kind is JobKind.LOCATE_SEGMENT and job.finished_at is not None:
+        uow.sessions.record_failure(str(job.subject["session_id"]), int(job.subject["seq"]), error, job.finished_at)

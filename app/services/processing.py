@@ -1,0 +1,163 @@
+"""What the runner needs: claims, specs for workers, and results stored exactly once in effect."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from datetime import datetime
+
+from app.services.base import Service
+from app.services.clock import Clock
+from app.services.ids import new_id, seed_of
+from app.services.jobs import record_segment_failure
+from app.services.map_refs import MapRefs
+from app.services.ports import MapCache, UnitOfWork, UnitOfWorkFactory
+from app.services.records import Job, JobState, MapInfo
+from app.services.tasks import BuildResult, BuildSpec, LocateResult, LocateSpec
+
+Outcome = dict[str, str | int | float]
+MAX_ATTEMPTS = 3
+_PROGRESS_STEP = 0.01
+
+
+class ProcessingService(Service):
+    """The life of jobs between queue and result.
+
+    A claim is a promise that may be broken by a crash, so every way out of ``running`` checks in its own
+    transaction that the job still runs *and* that it is the same attempt: of two answers for one job, one counts.
+    """
+
+    def __init__(self, *, uow: UnitOfWorkFactory, clock: Clock, cache: MapCache) -> None:
+        super().__init__(uow=uow, clock=clock)
+        self._cache = cache
+        self._refs = MapRefs(uow=uow, cache=cache)
+        self._shown: dict[str, float] = {}
+
+    def recover(self) -> int:
+        """At start-up: queue again what was running when the process died; returns how many."""
+        with self._uow(write=True) as uow:
+            return uow.jobs.requeue_running()
+
+    def claim(self, limit: int) -> Sequence[Job]:
+        """Take up to ``limit`` jobs to run now: oldest first, one per session or level."""
+        with self._uow(write=True) as uow:
+            return uow.jobs.claim(limit=limit, now=self._clock())
+
+    def locate_spec(self, job: Job) -> LocateSpec:
+        """What a worker needs to take the job's segment."""
+        session_id, seq = _segment_of(job)
+        with self._uow() as uow:
+            session = uow.sessions.get(session_id)
+            segment = uow.sessions.load_segment(session_id, seq)
+            state = uow.sessions.state(session_id)
+        return LocateSpec(
+            method=session.method,
+            parameters=session.parameters,
+            prior=session.prior,
+            seed=seed_of(session_id),
+            state=state,
+            segment=segment,
+            maps=(self._refs.ref(session.map_id),),
+        )
+
+    def build_spec(self, job: Job) -> BuildSpec:
+        """What a worker needs to build the job's map."""
+        with self._uow() as uow:
+            build = uow.maps.get_build(job.id)
+            walks = uow.surveys.load_walks(build.level_id, build.survey_ids)
+        return BuildSpec(level_id=build.level_id, walks=tuple(walks), settings=build.settings)
+
+    def complete_locate(self, job: Job, result: LocateResult) -> Job | None:
+        """Store fixes, new state and the job's end together; None if the job no longer runs in this attempt."""
+        session_id, seq = _segment_of(job)
+        now = self._clock()
+        outcome: Outcome = {"session_id": session_id, "seq": seq, "n_fixes": len(result.fixes), "cpu_s": result.cpu_s}
+        with self._uow(write=True) as uow:
+            if not uow.jobs.finish(job.id, JobState.DONE, now, result=outcome, attempts=job.attempts):
+                return None
+            uow.sessions.record_result(session_id, seq, result.state, result.fixes, now)
+            return uow.jobs.get(job.id)
+
+    def complete_build(self, job: Job, result: BuildResult, build_s: float) -> Job:
+        """Store the map as the level's next version and make it the current one."""
+        now = self._clock()
+        grid_map = result.build.grid_map
+        with self._uow() as uow:
+            # compressing takes long: not while holding the write lock
+            packed = uow.maps.pack(grid_map)
+        with self._uow(write=True) as uow:
+            info = _map_info(uow, job, result, packed.hash, build_s=build_s, now=now)
+            outcome: Outcome = {"map_id": info.id, "version": info.version, "cpu_s": result.cpu_s}
+            finished = uow.jobs.finish(job.id, JobState.DONE, now, result=outcome, attempts=job.attempts)
+            if finished:
+                uow.maps.add(info, packed)
+                uow.levels.set_current_map(info.level_id, info.id, now)
+            done = uow.jobs.get(job.id)
+        self._shown.pop(job.id, None)
+        if finished:
+            self._cache.ref(info, lambda: grid_map)
+        return done
+
+    def fail(self, job: Job, error: str) -> Job:
+        """Give the job up; its segment, if any, is marked and the session goes on with the state it had."""
+        now = self._clock()
+        self._shown.pop(job.id, None)
+        with self._uow(write=True) as uow:
+            failed = uow.jobs.finish(job.id, JobState.FAILED, now, error=error, attempts=job.attempts)
+            stored = uow.jobs.get(job.id)
+            if failed:
+                record_segment_failure(uow, stored, error)
+        return stored
+
+    def retry(self, job: Job) -> Job:
+        """After its worker was lost: queue the job again, or give it up after three attempts."""
+        if job.attempts >= MAX_ATTEMPTS:
+            return self.fail(job, f"the worker died in each of {job.attempts} attempts")
+        with self._uow(write=True) as uow:
+            uow.jobs.requeue(job.id, attempts=job.attempts)
+            return uow.jobs.get(job.id)
+
+    def progress(self, job: Job, fraction: float, text: str) -> None:
+        """Show how far a job is; steps below one per cent are not written."""
+        if fraction - self._shown.get(job.id, -1.0) < _PROGRESS_STEP:
+            return
+        self._shown[job.id] = fraction
+        with self._uow(write=True) as uow:
+            uow.jobs.set_progress(job.id, fraction, text)
+
+
+def _segment_of(job: Job) -> tuple[str, int]:
+    return str(job.subject["session_id"]), int(job.subject["seq"])
+
+
+def _map_info(
+    uow: UnitOfWork, job: Job, result: BuildResult, content_hash: str, *, build_s: float, now: datetime
+) -> MapInfo:
+    build = result.build
+    grid_map = build.grid_map
+    level_id = str(job.subject["level_id"])
+    rows, columns = grid_map.shape
+    mapped = grid_map.mapped
+    return MapInfo(
+        id=new_id("map", now),
+        level_id=level_id,
+        version=uow.maps.next_version(level_id),
+        parent_id=uow.levels.get(level_id).current_map_id,
+        hash=content_hash,
+        features=grid_map.features,
+        x0=grid_map.x0,
+        y0=grid_map.y0,
+        cell_m=grid_map.cell_m,
+        rows=rows,
+        columns=columns,
+        mapped_m=grid_map.mapped_m,
+        noise_sd=grid_map.noise_sd,
+        mapped_share=float(mapped.mean()),
+        mapped_area_m2=float(mapped.sum()) * grid_map.cell_m**2,
+        n_walks=sum(walk.rejected is None for walk in build.walks),
+        n_samples=build.n_samples,
+        length_scale_m=build.length_scale_m,
+        field_sd=build.field_sd,
+        walks=build.walks,
+        build_s=build_s,
+        created_at=now,
+    )

@@ -1,0 +1,223 @@
+"""Sessions: the trips of devices, their segments and positions."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from datetime import datetime
+
+from app.engine.types import Prior
+from app.services.base import DEFAULT_LIMIT, Service, check_limit, check_number_cursor
+from app.services.clock import Clock
+from app.services.errors import (
+    InvalidError,
+    NoMapError,
+    OverloadedError,
+    SequenceConflictError,
+    SequenceGapError,
+    SessionClosedError,
+)
+from app.services.ids import new_id
+from app.services.methods import MethodCheck, check_method
+from app.services.ports import JobListener, MapCache, UnitOfWork, UnitOfWorkFactory
+from app.services.records import (
+    Accepted,
+    Job,
+    JobKind,
+    JobState,
+    NewSegment,
+    Page,
+    Position,
+    SegmentInfo,
+    Session,
+    SessionStatus,
+)
+
+RETRY_AFTER_S = 2.0
+
+
+class SessionService(Service):
+    """Open and close sessions, accept segments, read what came of them."""
+
+    def __init__(
+        self,
+        *,
+        uow: UnitOfWorkFactory,
+        clock: Clock,
+        cache: MapCache,
+        listener: JobListener,
+        max_queued: int,
+        check: MethodCheck = check_method,
+    ) -> None:
+        super().__init__(uow=uow, clock=clock)
+        self._cache = cache
+        self._listener = listener
+        self._max_queued = max_queued
+        self._check = check
+
+    def create(
+        self,
+        level_id: str,
+        method: str,
+        parameters: Mapping[str, object],
+        prior: Prior | None = None,
+        *,
+        device_id: str | None = None,
+        map_id: str | None = None,
+    ) -> Session:
+        """Open a session on a level, with its current map (or the named version) pinned."""
+        self._check(method, parameters)
+        now = self._clock()
+        with self._uow(write=True) as uow:
+            level = uow.levels.get(level_id)
+            if device_id is not None:
+                uow.devices.get(device_id)
+            session = Session(
+                id=new_id("ses", now),
+                venue_id=level.venue_id,
+                level_id=level_id,
+                map_id=choose_map(uow, level_id, map_id),
+                device_id=device_id,
+                method=method,
+                parameters=dict(parameters),
+                prior=Prior(level_id) if prior is None else replace(prior, level_id=level_id),
+                status=SessionStatus.OPEN,
+                next_seq=0,
+                created_at=now,
+                closed_at=None,
+            )
+            uow.sessions.add(session)
+        return session
+
+    def get(self, session_id: str) -> Session:
+        """One session."""
+        with self._uow() as uow:
+            return uow.sessions.get(session_id)
+
+    def list(
+        self,
+        level_id: str | None = None,
+        device_id: str | None = None,
+        status: SessionStatus | None = None,
+        cursor: str | None = None,
+        limit: int = DEFAULT_LIMIT,
+    ) -> Page[Session]:
+        """Sessions, newest first."""
+        with self._uow() as uow:
+            return uow.sessions.list(
+                level_id=level_id, device_id=device_id, status=status, cursor=cursor, limit=check_limit(limit)
+            )
+
+    def close(self, session_id: str) -> Session:
+        """Take no more segments; those accepted are still processed. Closing again changes nothing."""
+        with self._uow(write=True) as uow:
+            return uow.sessions.close(session_id, self._clock())
+
+    def accept(self, session_id: str, new: NewSegment) -> Accepted:
+        """Store a segment and its job in one transaction; after this nothing is lost.
+
+        ``seq`` counts from 0 without gaps. The same ``seq`` with the same content gives the first answer again.
+        """
+        now = self._clock()
+        with self._uow(write=True) as uow:
+            session = uow.sessions.get(session_id)
+            if new.seq < session.next_seq:
+                return _repeated(uow, session_id, new)
+            if session.status is SessionStatus.CLOSED:
+                raise SessionClosedError(session_id)
+            if new.seq > session.next_seq:
+                raise SequenceGapError(new.seq, session.next_seq)
+            _check_time(uow, session_id, new)
+            if uow.jobs.count(JobState.QUEUED, JobState.RUNNING) >= self._max_queued:
+                raise OverloadedError(RETRY_AFTER_S)
+            job = _locate_job(session_id, new.seq, now)
+            uow.jobs.add(job)
+            uow.sessions.add_segment(session_id, new, job.id, now)
+        self._listener.job_queued(job)
+        return Accepted(_segment_info(session_id, new, job), job, repeated=False)
+
+    def segment(self, session_id: str, seq: int) -> SegmentInfo:
+        """One segment, without its samples."""
+        with self._uow() as uow:
+            return uow.sessions.get_segment(session_id, seq)
+
+    def segments(self, session_id: str, cursor: str | None = None, limit: int = DEFAULT_LIMIT) -> Page[SegmentInfo]:
+        """Segments of a session, oldest first; the cursor is the last ``seq`` seen."""
+        with self._uow() as uow:
+            uow.sessions.get(session_id)
+            return uow.sessions.list_segments(session_id, cursor=check_number_cursor(cursor), limit=check_limit(limit))
+
+    def positions(
+        self, session_id: str, seq: int | None = None, cursor: str | None = None, limit: int = DEFAULT_LIMIT
+    ) -> Page[Position]:
+        """Fixes of a session (of one segment, if named) in time order; the cursor is the last number seen."""
+        with self._uow() as uow:
+            uow.sessions.get(session_id)
+            return uow.sessions.list_positions(
+                session_id, seq=seq, cursor=check_number_cursor(cursor), limit=check_limit(limit)
+            )
+
+
+def choose_map(uow: UnitOfWork, level_id: str, map_id: str | None) -> str:
+    """Return the named map if it is one of the level, else the level's current one; NoMapError if there is none."""
+    if map_id is None:
+        map_id = uow.levels.get(level_id).current_map_id
+        if map_id is None:
+            raise NoMapError(level_id)
+    elif uow.maps.get(map_id).level_id != level_id:
+        raise InvalidError("map_id", f"map {map_id} is of another level", f"name a map of level {level_id}")
+    return map_id
+
+
+def _repeated(uow: UnitOfWork, session_id: str, new: NewSegment) -> Accepted:
+    known = uow.sessions.get_segment(session_id, new.seq)
+    if known.content_hash != new.content_hash:
+        raise SequenceConflictError(new.seq)
+    return Accepted(known, uow.jobs.get(known.job_id), repeated=True)
+
+
+def _check_time(uow: UnitOfWork, session_id: str, new: NewSegment) -> None:
+    """Phones sleep, so any gap between segments is fine; going back in time is not."""
+    if not len(new.samples):
+        raise InvalidError("samples.t_ms", "is empty", "send at least one sample")
+    last = uow.sessions.last_segment(session_id)
+    if last is not None and new.samples.t[0] <= last.t_end:
+        raise InvalidError(
+            "samples.t_ms",
+            f"starts at {new.samples.t[0] * 1000:.3f}, not after the end of seq {last.seq}, {last.t_end * 1000:.3f}",
+            "send each sample once, in time order",
+        )
+
+
+def _locate_job(session_id: str, seq: int, now: datetime) -> Job:
+    return Job(
+        id=new_id("job", now),
+        kind=JobKind.LOCATE_SEGMENT,
+        state=JobState.QUEUED,
+        order_key=session_id,
+        subject={"session_id": session_id, "seq": seq},
+        attempts=0,
+        progress=0.0,
+        progress_text="",
+        result={},
+        error=None,
+        created_at=now,
+        started_at=None,
+        finished_at=None,
+    )
+
+
+def _segment_info(session_id: str, new: NewSegment, job: Job) -> SegmentInfo:
+    return SegmentInfo(
+        session_id=session_id,
+        seq=new.seq,
+        content_hash=new.content_hash,
+        n_samples=len(new.samples),
+        t_start=float(new.samples.t[0]),
+        t_end=float(new.samples.t[-1]),
+        job_id=job.id,
+        job_state=job.state,
+        error=None,
+        received_at=job.created_at,
+        processed_at=None,
+    )
