@@ -11,7 +11,7 @@ from app.services.ids import new_id, seed_of
 from app.services.jobs import record_segment_failure
 from app.services.map_refs import MapRefs
 from app.services.ports import MapCache, UnitOfWork, UnitOfWorkFactory
-from app.services.records import Job, JobState, MapInfo
+from app.services.records import Job, JobKind, JobState, MapInfo
 from app.services.tasks import BuildResult, BuildSpec, LocateResult, LocateSpec
 
 Outcome = dict[str, str | int | float]
@@ -37,10 +37,10 @@ class ProcessingService(Service):
         with self._uow(write=True) as uow:
             return uow.jobs.requeue_running()
 
-    def claim(self, limit: int) -> Sequence[Job]:
-        """Take up to ``limit`` jobs to run now: oldest first, one per session or level."""
+    def claim(self, limit: int, kind: JobKind | None = None) -> Sequence[Job]:
+        """Take up to ``limit`` jobs (of one kind, if named) to run now: oldest first, one per session or level."""
         with self._uow(write=True) as uow:
-            return uow.jobs.claim(limit=limit, now=self._clock())
+            return uow.jobs.claim(limit=limit, now=self._clock(), kind=kind)
 
     def locate_spec(self, job: Job) -> LocateSpec:
         """What a worker needs to take the job's segment."""
