@@ -4,7 +4,8 @@
 
     EvaluationError
     ├── DataSetError          a data-set folder or file that is not in the expected format (names it)
-    └── OptionsError          options that do not fit each other or the data (names the field)
+    ├── OptionsError          options that do not fit each other or the data (names the field)
+    └── TransportError        the service refused or could not be reached
 """
 
 from __future__ import annotations
@@ -32,3 +33,14 @@ class OptionsError(EvaluationError):
         super().__init__(f"{field}: {message}")
         self.field = field
         self.message = message
+
+
+class TransportError(EvaluationError):
+    """A service refused a request or could not be reached.
+
+    ``accepted`` tells whether a segment was stored all the same (and its processing failed): its ``seq`` is used up.
+    """
+
+    def __init__(self, message: str, *, accepted: bool = False) -> None:
+        super().__init__(message)
+        self.accepted = accepted

@@ -1,0 +1,184 @@
+"""What is replayed: scenarios, priors, segments. Everything here is a function of the walk, so runs repeat.
+
+| scenario | prior given |
+|---|---|
+| ``tracking`` | the first waypoint, displaced by up to 3 m; heading unknown |
+| ``cold`` | the level |
+| ``venue`` | the building: the map source holds all its evaluated levels, the prior names none |
+"""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from dataclasses import dataclass, field
+from enum import StrEnum
+from pathlib import Path
+
+import numpy as np
+
+from app.engine.types import Float64Array, ImuSamples, MapBuildSettings, Prior, RadioScans, Segment
+from app.evaluation.datasets.ilc20 import RecordedWalk
+from app.evaluation.errors import OptionsError
+
+SEGMENT_S = 5.0
+SHORTEST_SEGMENT_S = 1.0
+"""A shorter remainder at the end of a walk joins the segment before it."""
+PRIOR_RADIUS_M = 3.0
+ANY_LEVEL = ""
+"""``Prior.level_id`` when only the building is known."""
+LABEL_LEAD_S = 0.5
+
+
+class Scenario(StrEnum):
+    """What is known before the first segment."""
+
+    TRACKING = "tracking"
+    COLD = "cold"
+    VENUE = "venue"
+
+
+class Aids(StrEnum):
+    """What is sent beside the magnetometer and inertial samples."""
+
+    NONE = "none"
+    WIFI = "wifi"
+
+
+class Through(StrEnum):
+    """Where the walks are replayed."""
+
+    ENGINE = "engine"
+    HTTP = "http"
+
+
+@dataclass(frozen=True, slots=True)
+class EvaluationOptions:
+    """What to evaluate, and how.
+
+    Attributes
+    ----------
+    data : Path
+        Folder that holds ``ilc20/``.
+    levels : tuple of str
+        Names of levels; empty: all that are found.
+    scenario, aids, through
+    jobs : int
+        Processes (threads with ``through=http``) that replay walks side by side.
+    plots, cache : Path or None
+        Folders for plots, and for built maps to be used again (by content); None: neither.
+    method, parameters
+        Tracker of the registry (empty: its default), and its parameters.
+    map_settings : MapBuildSettings
+    limit : int or None
+        At most so many test walks a level, the first of the file.
+    repeat : int
+        Another number draws other priors and tracker seeds.
+    """
+
+    data: Path
+    levels: tuple[str, ...] = ()
+    scenario: Scenario = Scenario.TRACKING
+    aids: Aids = Aids.NONE
+    through: Through = Through.ENGINE
+    jobs: int = 1
+    plots: Path | None = None
+    cache: Path | None = None
+    method: str = ""
+    parameters: dict[str, object] = field(default_factory=dict)
+    map_settings: MapBuildSettings = field(default_factory=MapBuildSettings)
+    limit: int | None = None
+    repeat: int = 0
+
+    def __post_init__(self) -> None:
+        if self.jobs < 1:
+            raise OptionsError("jobs", f"needs at least 1, got {self.jobs}")
+        if self.limit is not None and self.limit < 1:
+            raise OptionsError("limit", f"needs at least 1, got {self.limit}")
+
+
+@dataclass(frozen=True, slots=True)
+class Trip:
+    """One walk as the service would get it: prior and segments, no truth."""
+
+    walk_id: str
+    level_id: str
+    prior: Prior
+    seed: int
+    segments: tuple[Segment, ...]
+
+    @property
+    def start_t(self) -> float:
+        """Time of the first sample, s."""
+        return float(self.segments[0].samples.t[0])
+
+
+def make_trip(
+    walk: RecordedWalk, level_id: str, scenario: Scenario, *, aids: Aids = Aids.NONE, repeat: int = 0
+) -> Trip:
+    """The trip of a recorded walk under a scenario."""
+    seed = walk_seed(walk.walk_id, repeat)
+    return Trip(
+        walk_id=walk.walk_id,
+        level_id=level_id,
+        prior=make_prior(walk, level_id, scenario, seed),
+        seed=seed,
+        segments=cut_segments(walk, with_wifi=aids is Aids.WIFI),
+    )
+
+
+def walk_seed(walk_id: str, repeat: int = 0) -> int:
+    """Seed of a walk: the first 63 bits of the SHA-256 of its id."""
+    text = walk_id if repeat == 0 else f"{walk_id}/{repeat}"
+    return int.from_bytes(hashlib.sha256(text.encode()).digest()[:8], "big") >> 1
+
+
+def make_prior(walk: RecordedWalk, level_id: str, scenario: Scenario, seed: int) -> Prior:
+    """What the scenario tells about the start of the walk."""
+    if scenario is Scenario.VENUE:
+        return Prior(ANY_LEVEL)
+    if scenario is Scenario.COLD:
+        return Prior(level_id)
+    rng = np.random.default_rng(seed)
+    distance = PRIOR_RADIUS_M * math.sqrt(rng.uniform())  # uniform over the disc's area
+    bearing = rng.uniform(0.0, 2.0 * math.pi)
+    return Prior(
+        level_id,
+        x=float(walk.waypoints.x[0]) + distance * math.cos(bearing),
+        y=float(walk.waypoints.y[0]) + distance * math.sin(bearing),
+        radius_m=PRIOR_RADIUS_M,
+    )
+
+
+def cut_segments(walk: RecordedWalk, *, with_wifi: bool) -> tuple[Segment, ...]:
+    """Segments of ``SEGMENT_S``, from the first label on (the prior speaks of that moment)."""
+    samples = walk.samples
+    first = int(np.searchsorted(samples.t, walk.waypoints.t[0] - LABEL_LEAD_S))
+    t = samples.t[first:]
+    if not len(t):
+        return ()
+    edges = first + segment_edges(t)
+    return tuple(
+        Segment(_rows(samples, slice(a, b)), _wifi(walk, a, b) if with_wifi else None)
+        for a, b in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True)
+    )
+
+
+def segment_edges(t: Float64Array) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
+    """Row at which each segment begins, and the end of the last one; no segment is empty."""
+    cuts = np.arange(t[0] + SEGMENT_S, t[-1], SEGMENT_S)
+    if len(cuts) and t[-1] - cuts[-1] < SHORTEST_SEGMENT_S:
+        cuts = cuts[:-1]
+    return np.unique(np.concatenate(([0], np.searchsorted(t, cuts), [len(t)]))).astype(np.int64)
+
+
+def _rows(samples: ImuSamples, rows: slice) -> ImuSamples:
+    return ImuSamples(samples.t[rows], samples.mag[rows], samples.acc[rows], samples.gyro[rows])
+
+
+def _wifi(walk: RecordedWalk, start: int, end: int) -> RadioScans | None:
+    """Wi-Fi readings that the phone had reported by the end of the segment, and not before its start."""
+    if walk.wifi_log is None:
+        return None
+    after = -math.inf if start == 0 else float(walk.samples.t[start - 1])
+    return walk.wifi_log.between(after, float(walk.samples.t[end - 1]))
