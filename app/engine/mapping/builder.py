@@ -1,0 +1,177 @@
+"""From survey walks to a map."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from app.engine.errors import InputError, MapError
+from app.engine.mapping.kriging import FieldLevel, FieldSamples, krige_grid
+from app.engine.mapping.offsets import WalkOffsets, estimate_offsets
+from app.engine.mapping.samples import PlacedSamples, place_samples
+from app.engine.mapping.variogram import field_level, fit_covariance
+from app.engine.types import (
+    FeatureSet,
+    Float64Array,
+    GridMap,
+    MapBuild,
+    MapBuildSettings,
+    Progress,
+    SurveyWalk,
+    WalkReport,
+)
+
+_MARGIN_M = 4.0
+_MAX_NODES = 16_000_000
+_SUPPORT_CAP_M = 50.0
+
+
+def build_map(
+    level_id: str,
+    walks: Sequence[SurveyWalk],
+    settings: MapBuildSettings | None = None,
+    progress: Progress | None = None,
+) -> MapBuild:
+    """Build a map with mean and standard deviation per node.
+
+    Walks are placed between their waypoints by steps; hard iron and carrying angle of each walk are estimated
+    jointly with the field; the field is kriged in blocks with a covariance fitted to this level.
+
+    Parameters
+    ----------
+    level_id : str
+    walks : sequence of SurveyWalk
+        A walk that cannot be placed is left out and its report says why.
+    settings : MapBuildSettings
+    progress : callable or None
+
+    Raises
+    ------
+    MapError
+        No walk can be placed, or the grid would have more than 16 million nodes.
+    """
+    settings = settings or MapBuildSettings()
+    say = progress or _silent
+    placed, reports = _place_all(walks, say)
+    if not placed:
+        reasons = "; ".join(f"{r.walk_id}: {r.rejected}" for r in reports[:3])
+        raise MapError(f"no walk could be placed ({reasons or 'none given'})")
+    say(0.3, "aligning walks")
+    offsets = estimate_offsets(placed)
+    samples = _field_samples(placed, offsets, settings.features)
+    say(0.35, "fitting covariance")
+    covariance = fit_covariance(samples)
+    level = field_level(samples, covariance)
+    x, y = _axes(samples.xy, settings)
+    mean, sd = krige_grid(
+        samples, level, covariance, x, y, progress=lambda f, what: say(0.45 + 0.5 * f, what)
+    )
+    grid = GridMap(
+        level_id=level_id,
+        features=settings.features,
+        x0=float(x[0]),
+        y0=float(y[0]),
+        cell_m=settings.cell_m,
+        mean=mean.astype(np.float32),
+        sd=sd.astype(np.float32),
+        support=_support(samples.xy, x, y),
+        mapped_m=settings.mapped_m,
+        noise_sd=tuple(float(s) for s in level.sd * np.sqrt(covariance.noise)),
+    )
+    say(1.0, "done")
+    return MapBuild(
+        grid_map=grid,
+        walks=_reports(walks, placed, offsets, samples, level, reports),
+        n_samples=len(samples),
+        length_scale_m=covariance.length_m,
+        field_sd=tuple(float(s) for s in level.sd),
+        parameters={
+            "length_m": covariance.length_m,
+            "error": covariance.error,
+            "error_length_m": covariance.error_length_m,
+            "white": covariance.white,
+        },
+    )
+
+
+def _silent(_fraction: float, _what: str) -> None:
+    return
+
+
+def _place_all(walks: Sequence[SurveyWalk], say: Progress) -> tuple[list[PlacedSamples], list[WalkReport]]:
+    """Placed walks, and reports of those that could not be."""
+    placed, rejected = [], []
+    for i, walk in enumerate(walks):
+        try:
+            placed.append(place_samples(walk))
+        except InputError as error:
+            rejected.append(WalkReport(walk.walk_id, 0, 0.0, (), 0.0, rejected=str(error)))
+        say(0.3 * (i + 1) / len(walks), "placing walks")
+    return placed, rejected
+
+
+def _field_samples(
+    placed: Sequence[PlacedSamples], offsets: WalkOffsets, features: FeatureSet
+) -> FieldSamples:
+    fields = [offsets.field(i, walk) for i, walk in enumerate(placed)]
+    owner = np.concatenate([np.full(len(walk), i) for i, walk in enumerate(placed)])
+    xy = np.concatenate([walk.xy for walk in placed])
+    return FieldSamples(xy, owner, to_features(np.concatenate(fields), features))
+
+
+def to_features(field: Float64Array, features: FeatureSet) -> Float64Array:
+    """Vector field (n, 3) as the channels of a feature set, shape (n, channels)."""
+    if features is FeatureSet.VECTOR:
+        return field
+    if features is FeatureSet.HV:
+        return np.stack([np.hypot(field[:, 0], field[:, 1]), field[:, 2]], axis=1)
+    total: Float64Array = np.linalg.norm(field, axis=1)[:, None]
+    return total
+
+
+def _axes(xy: Float64Array, settings: MapBuildSettings) -> tuple[Float64Array, Float64Array]:
+    """Node coordinates: multiples of the cell, so that versions of a level share their lattice."""
+    if settings.extent is not None:
+        lo, hi = np.array(settings.extent[:2]), np.array(settings.extent[2:])
+    else:
+        lo, hi = xy.min(axis=0) - _MARGIN_M, xy.max(axis=0) + _MARGIN_M
+    first = np.floor(lo / settings.cell_m).astype(np.int64)
+    last = np.ceil(hi / settings.cell_m).astype(np.int64)
+    if np.prod((last - first + 1).astype(float)) > _MAX_NODES:
+        raise MapError(f"the grid would have more than {_MAX_NODES} nodes; use a larger cell_m or a smaller extent")
+    return (
+        np.arange(first[0], last[0] + 1) * settings.cell_m,
+        np.arange(first[1], last[1] + 1) * settings.cell_m,
+    )
+
+
+def _support(xy: Float64Array, x: Float64Array, y: Float64Array) -> Float64Array:
+    """Distance from each node to the nearest sample, m, capped."""
+    xx, yy = np.meshgrid(x, y)
+    nodes = np.stack([xx.ravel(), yy.ravel()], axis=1)
+    distance, _ = cKDTree(xy).query(nodes, distance_upper_bound=_SUPPORT_CAP_M)
+    return np.minimum(distance, _SUPPORT_CAP_M).reshape(xx.shape).astype(np.float32)
+
+
+def _reports(
+    walks: Sequence[SurveyWalk],
+    placed: Sequence[PlacedSamples],
+    offsets: WalkOffsets,
+    samples: FieldSamples,
+    level: FieldLevel,
+    rejected: Sequence[WalkReport],
+) -> tuple[WalkReport, ...]:
+    """One report per walk, in the order given."""
+    by_id = {report.walk_id: report for report in rejected}
+    for i, walk in enumerate(placed):
+        own = samples.values[samples.walk == i] - level.mean
+        by_id[walk.walk_id] = WalkReport(
+            walk_id=walk.walk_id,
+            n_steps=len(walk) // 2,
+            length_m=float(np.hypot(*np.diff(walk.xy, axis=0).T).sum()),
+            offset=tuple(float(v) for v in offsets.hard_iron[i]),
+            residual_rms=float(np.sqrt((own**2).mean())),
+        )
+    return tuple(by_id[walk.walk_id] for walk in walks)

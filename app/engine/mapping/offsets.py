@@ -1,0 +1,120 @@
+"""One field offset and one carrying angle per survey walk, estimated jointly with the field.
+
+Walks through the same cells must agree. Unknown are the field of each one-metre cell (a random effect), each walk's
+hard iron (body frame: it turns with the walker) and the angle between device and direction of motion (it turns the
+horizontal field, about 0.5 uT per degree). The cells are eliminated, so what is solved is small and dense: a few
+unknowns per walk.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import csr_array
+
+from app.engine.mapping.samples import PlacedSamples
+from app.engine.types import Float64Array
+
+CELL_M = 1.0
+_FIELD_SD = 5.0
+_NOISE_SD = 3.5
+_HARD_IRON_SD = 4.0
+_CARRY_SD = np.radians(8.0)
+_ITERATIONS = 3
+
+
+@dataclass(frozen=True, slots=True)
+class WalkOffsets:
+    """Per walk: ``hard_iron`` (walks, 3) uT forward, left, up; ``carry`` (walks,) rad, device minus motion."""
+
+    hard_iron: Float64Array
+    carry: Float64Array
+
+    def field(self, index: int, walk: PlacedSamples) -> Float64Array:
+        """Corrected field of a walk in the level frame, shape (n, 3), uT."""
+        return rotate_horizontal(walk.mag - self.hard_iron[index], walk.heading + self.carry[index])
+
+
+def rotate_horizontal(v_l: Float64Array, heading: Float64Array) -> Float64Array:
+    """Forward, left, up to x, y, z of the level frame; ``heading`` (n,) rad of the forward axis."""
+    c, s = np.cos(heading), np.sin(heading)
+    return np.stack([c * v_l[:, 0] - s * v_l[:, 1], s * v_l[:, 0] + c * v_l[:, 1], v_l[:, 2]], axis=1)
+
+
+def estimate_offsets(walks: Sequence[PlacedSamples]) -> WalkOffsets:
+    """Gauss-Newton over hard iron and carrying angle of all walks (linear but for the angle)."""
+    owner = np.concatenate([np.full(len(w), i) for i, w in enumerate(walks)])
+    mag = np.concatenate([w.mag for w in walks])
+    heading = np.concatenate([w.heading for w in walks])
+    cells = _Cells(np.concatenate([w.xy for w in walks]))
+    horizontal, carry = _horizontal(cells, owner, mag[:, 0] + 1j * mag[:, 1], heading, len(walks))
+    vertical = _vertical(cells, owner, mag[:, 2], len(walks))
+    return WalkOffsets(np.stack([horizontal.real, horizontal.imag, vertical], axis=1), carry)
+
+
+class _Cells:
+    """Normal equations with the cells' random effects eliminated (Woodbury per cell)."""
+
+    def __init__(self, xy: Float64Array) -> None:
+        keys = np.floor(xy / CELL_M).astype(np.int64)
+        _, cell = np.unique(keys, axis=0, return_inverse=True)
+        counts = np.bincount(cell)
+        n = xy.shape[0]
+        self.sum = csr_array((np.ones(n), (cell, np.arange(n))), shape=(counts.shape[0], n))
+        self.shrink = _FIELD_SD**2 / (_NOISE_SD**2 + counts * _FIELD_SD**2)
+
+    def normal_equations(self, design: csr_array, data: Float64Array) -> tuple[Float64Array, Float64Array]:
+        """``A^T P A`` and ``A^T P d`` where P is the data's precision with cell effects integrated out."""
+        design_sums = (self.sum @ design).toarray()
+        weighted = self.shrink[:, None] * design_sums
+        normal = (design.T @ design).toarray() - design_sums.T @ weighted
+        right = design.T @ data - weighted.T @ (self.sum @ data)
+        return normal / _NOISE_SD**2, right / _NOISE_SD**2
+
+
+def _horizontal(
+    cells: _Cells, owner: Float64Array, mag: Float64Array, heading: Float64Array, n_walks: int
+) -> tuple[Float64Array, Float64Array]:
+    """Complex hard iron (forward + i left) and carrying angle of each walk."""
+    n = owner.shape[0]
+    rows = np.tile(np.arange(n), 5)
+    columns = np.concatenate(
+        [owner, n_walks + owner, 2 * n_walks + owner, np.full(n, 3 * n_walks), np.full(n, 3 * n_walks + 1)]
+    )
+    iron = np.zeros(n_walks, dtype=complex)
+    carry = np.zeros(n_walks)
+    for _ in range(_ITERATIONS):
+        turn = np.exp(1j * (heading + carry[owner]))
+        # turning a walk by d changes its field by i d M: the mean field M stands in for each sample's own
+        mean = np.mean((mag - iron[owner]) * turn)
+        values = np.concatenate([turn, 1j * turn, np.full(n, -1j * mean), np.ones(n), np.full(n, 1j)])
+        normal = np.zeros((3 * n_walks + 2, 3 * n_walks + 2))
+        right = np.zeros(3 * n_walks + 2)
+        data = mag * turn
+        for part in (np.real, np.imag):
+            design = csr_array((part(values), (rows, columns)), shape=(n, 3 * n_walks + 2))
+            a, r = cells.normal_equations(design, part(data))
+            normal += a
+            right += r
+        iron_rows = np.arange(2 * n_walks)
+        normal[iron_rows, iron_rows] += 1.0 / _HARD_IRON_SD**2
+        angles = np.arange(2 * n_walks, 3 * n_walks)
+        normal[angles, angles] += 1.0 / _CARRY_SD**2
+        right[angles] -= carry / _CARRY_SD**2
+        solution = np.linalg.solve(normal, right)
+        iron = solution[:n_walks] + 1j * solution[n_walks : 2 * n_walks]
+        carry = carry + solution[angles]
+    return iron, carry
+
+
+def _vertical(cells: _Cells, owner: Float64Array, mag: Float64Array, n_walks: int) -> Float64Array:
+    n = owner.shape[0]
+    columns = np.concatenate([owner, np.full(n, n_walks)])
+    design = csr_array((np.ones(2 * n), (np.tile(np.arange(n), 2), columns)), shape=(n, n_walks + 1))
+    normal, right = cells.normal_equations(design, mag)
+    iron_rows = np.arange(n_walks)
+    normal[iron_rows, iron_rows] += 1.0 / _HARD_IRON_SD**2
+    solution: Float64Array = np.linalg.solve(normal, right)[:n_walks]
+    return solution

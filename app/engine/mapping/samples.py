@@ -1,0 +1,83 @@
+"""Survey walks turned into placed field samples."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from app.engine.errors import InputError
+from app.engine.inertial import find_steps, level_samples
+from app.engine.inertial.legs import heading_offset, positions_by_steps
+from app.engine.types import Float64Array, SurveyWalk
+
+WINDOW_S = 0.16
+"""Field samples are means over this time on either side of a half step."""
+_PAUSE_S = 0.8
+_MIN_SAMPLES = 4
+
+
+@dataclass(frozen=True, slots=True)
+class PlacedSamples:
+    """Field samples of one walk at each half step.
+
+    Attributes
+    ----------
+    walk_id : str
+    t : array, shape (n,), s
+    xy : array, shape (n, 2), m, level frame
+    heading : array, shape (n,), rad
+        Direction of motion in the level frame; the device's own heading differs by how it was held.
+    mag : array, shape (n, 3), uT
+        Forward, left, up of the device.
+    """
+
+    walk_id: str
+    t: Float64Array
+    xy: Float64Array
+    heading: Float64Array
+    mag: Float64Array
+
+    def __len__(self) -> int:
+        return int(self.t.shape[0])
+
+
+def place_samples(walk: SurveyWalk) -> PlacedSamples:
+    """Place the field samples of a walk between its waypoints.
+
+    Raises
+    ------
+    InputError
+        Fewer than two waypoints, waypoints out of order, or hardly any step between them.
+    """
+    waypoints = walk.waypoints
+    if len(waypoints) < 2:
+        raise InputError("waypoints", "at least two are needed to place a walk")
+    if not np.all(np.diff(waypoints.t) > 0):
+        raise InputError("waypoints.t", "must increase strictly")
+    levelled, _ = level_samples(walk.samples)
+    steps = find_steps(levelled.t, levelled.vertical)
+    if len(steps) < _MIN_SAMPLES:
+        raise InputError("samples.acc", f"shows {len(steps)} steps; a survey is walked")
+    half = steps.t[1:] - 0.5 * np.minimum(np.diff(steps.t), _PAUSE_S)
+    t = np.sort(np.concatenate([steps.t, half]))
+    t = t[(t >= waypoints.t[0]) & (t <= waypoints.t[-1])]
+    if t.shape[0] < _MIN_SAMPLES:
+        raise InputError("waypoints.t", "hardly any step lies between the waypoints; are both on one clock?")
+    x, y = positions_by_steps(t, steps, waypoints)
+    offset = heading_offset(levelled, steps, waypoints)
+    heading = np.interp(t, levelled.t, levelled.heading + offset)
+    mag = window_means(levelled.t, levelled.mag, t, WINDOW_S)
+    return PlacedSamples(walk.walk_id, t, np.stack([x, y], axis=1), heading, mag)
+
+
+def window_means(t: Float64Array, values: Float64Array, at: Float64Array, half: float) -> Float64Array:
+    """Mean of ``values`` (n, c) over ``at - half .. at + half``; the nearest sample where none lies inside."""
+    total = np.concatenate([np.zeros((1, values.shape[1])), np.cumsum(values, axis=0)])
+    lo = np.searchsorted(t, at - half)
+    hi = np.searchsorted(t, at + half, side="right")
+    empty = hi <= lo
+    lo = np.where(empty, np.clip(np.searchsorted(t, at), 0, len(t) - 1), lo)
+    hi = np.where(empty, lo + 1, hi)
+    means: Float64Array = (total[hi] - total[lo]) / (hi - lo)[:, None]
+    return means
