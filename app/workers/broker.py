@@ -23,7 +23,7 @@ class JobBroker:
         self._waiting: dict[str, list[asyncio.Future[Job]]] = {}
         self._finished: OrderedDict[str, Job] = OrderedDict()
 
-    async def wait(self, job_id: str, timeout: float) -> Job | None:  # noqa: ASYNC109 - a bound, not a cancel scope
+    async def wait(self, job_id: str, timeout: float) -> Job | None:
         """Return the finished job, or None when ``timeout`` seconds pass first."""
         future: asyncio.Future[Job] = asyncio.get_running_loop().create_future()
         with self._lock:

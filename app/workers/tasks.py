@@ -1,0 +1,90 @@
+"""What workers run. A task gets a spec and returns a result; it sees no database, no service, no network.
+
+A task is a small frozen value that names how cached maps are opened (workers know ports, not storage); it pickles, and
+its :meth:`__call__` is what an executor runs.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import OrderedDict
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from threading import Lock
+
+from app.engine.errors import MapError
+from app.engine.localization.registry import create_tracker
+from app.engine.mapping import build_map
+from app.engine.types import GridMap, Progress
+from app.services.tasks import BuildResult, BuildSpec, LocateResult, LocateSpec, MapRef
+
+MapOpener = Callable[[MapRef], GridMap]
+
+
+class OpenMaps:
+    """Maps a process holds open, by content hash, least recently used first out."""
+
+    def __init__(self) -> None:
+        self._lock = Lock()
+        self._maps: OrderedDict[str, GridMap] = OrderedDict()
+
+    def __len__(self) -> int:
+        return len(self._maps)
+
+    def get(self, ref: MapRef, open_map: MapOpener, keep: int) -> GridMap:
+        """Return the map, opened with ``open_map`` unless it is among the last ``keep`` used."""
+        with self._lock:
+            grid_map = self._maps.get(ref.hash)
+            if grid_map is None:
+                grid_map = self._maps[ref.hash] = open_map(ref)
+            self._maps.move_to_end(ref.hash)
+            while len(self._maps) > keep:
+                self._maps.popitem(last=False)
+        return grid_map
+
+
+# One a process: content-hashed and immutable, so it cannot matter who shares it.
+_OPEN_MAPS = OpenMaps()
+
+
+@dataclass(frozen=True, slots=True)
+class SpecMaps:
+    """The maps of one spec as the engine's map source."""
+
+    refs: Sequence[MapRef]
+    open_map: MapOpener
+    keep: int
+
+    def level_ids(self) -> tuple[str, ...]:
+        """Levels the session may be on."""
+        return tuple(ref.level_id for ref in self.refs)
+
+    def grid_map(self, level_id: str) -> GridMap:
+        """Map of one level."""
+        for ref in self.refs:
+            if ref.level_id == level_id:
+                return _OPEN_MAPS.get(ref, self.open_map, max(self.keep, len(self.refs)))
+        raise MapError(f"no map of level {level_id} came with the task")
+
+
+@dataclass(frozen=True, slots=True)
+class LocateSegment:
+    """Takes one segment of a session, or a single one without a session."""
+
+    open_map: MapOpener
+    keep_maps: int = 16
+
+    def __call__(self, spec: LocateSpec, progress: Progress) -> LocateResult:  # noqa: ARG002 - over too soon to tell
+        """Advance the tracker by the segment; the same spec always gives the same result."""
+        started = time.thread_time()
+        tracker = create_tracker(spec.method, spec.parameters)
+        state = tracker.start(spec.prior, seed=spec.seed) if spec.state is None else spec.state
+        state, fixes = tracker.step(state, spec.segment, SpecMaps(spec.maps, self.open_map, self.keep_maps))
+        return LocateResult(state=state, fixes=fixes, cpu_s=time.thread_time() - started)
+
+
+def build_level_map(spec: BuildSpec, progress: Progress) -> BuildResult:
+    """Build a level's map from its survey walks."""
+    started = time.thread_time()
+    build = build_map(spec.level_id, spec.walks, spec.settings, progress)
+    return BuildResult(build=build, cpu_s=time.thread_time() - started)
