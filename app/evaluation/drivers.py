@@ -86,7 +86,10 @@ class EngineDriver:
         fixes: list[Fix] = []
         times: list[float] = []
         failures: list[str] = []
-        state = self.tracker.start(trip.prior, seed=trip.seed)
+        try:
+            state = self.tracker.start(trip.prior, seed=trip.seed)
+        except EngineError as error:
+            return Replay((), (), (f"start: {error}",))
         for seq, segment in enumerate(trip.segments):
             began = time.perf_counter()
             try:
@@ -158,7 +161,7 @@ class Transport(Protocol):
         """The map for drawing; None if the service does not give it."""
         ...
 
-    def open_session(self, prior: Prior, *, method: str, parameters: Mapping[str, object], seed: int) -> str:
+    def open_session(self, prior: Prior, *, method: str, parameters: Mapping[str, object]) -> str:
         """Open a session on ``prior.level_id``; an empty ``method`` is the service's default."""
         ...
 
@@ -184,9 +187,7 @@ class HttpDriver:
         fixes: list[Fix] = []
         times: list[float] = []
         failures: list[str] = []
-        session = self.transport.open_session(
-            trip.prior, method=self.method, parameters=self.parameters, seed=trip.seed
-        )
+        session = self.transport.open_session(trip.prior, method=self.method, parameters=self.parameters)
         seq = 0
         for number, segment in enumerate(trip.segments):
             began = time.perf_counter()

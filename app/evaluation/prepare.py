@@ -1,0 +1,139 @@
+"""What a level needs before walks are replayed: its map and its surveyed area, both from train walks only."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import time
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+
+import app.engine
+from app.engine.errors import MapError
+from app.engine.inertial import detect_steps
+from app.engine.mapping import build_map
+from app.engine.types import FeatureSet, GridMap, MapBuildSettings, SurveyWalk
+from app.evaluation.truth import SurveyedArea, survey_track
+
+
+@dataclass(frozen=True, slots=True)
+class PreparedLevel:
+    """Map and surveyed area of a level.
+
+    Attributes
+    ----------
+    name : str
+    grid_map : GridMap or None
+        None if it could not be built (``problem`` says why), or is not wanted (the service has it).
+    area : SurveyedArea
+    n_walks : int
+        Survey walks that went in.
+    build_s : float or None
+        None if the map came from the cache.
+    problem : str
+    """
+
+    name: str
+    grid_map: GridMap | None
+    area: SurveyedArea
+    n_walks: int
+    build_s: float | None = None
+    problem: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class PrepareTask:
+    """Work order for :func:`prepare_level`; pickles."""
+
+    name: str
+    walks: tuple[SurveyWalk, ...]
+    settings: MapBuildSettings
+    cache: Path | None = None
+    with_map: bool = True
+
+
+def prepare_level(task: PrepareTask) -> PreparedLevel:
+    """Build the map of a level (or take it from the cache) and find the surveyed area."""
+    area = surveyed_area(task.walks)
+    if not task.with_map:
+        return PreparedLevel(task.name, None, area, len(task.walks))
+    cached = task.cache / f"{map_key(task)}.npz" if task.cache else None
+    if cached and cached.is_file():
+        return PreparedLevel(task.name, load_map(cached), area, len(task.walks))
+    began = time.perf_counter()
+    try:
+        grid_map = build_map(task.name, task.walks, task.settings).grid_map
+    except MapError as error:
+        return PreparedLevel(task.name, None, area, len(task.walks), problem=str(error))
+    build_s = time.perf_counter() - began
+    if cached:
+        save_map(grid_map, cached)
+    return PreparedLevel(task.name, grid_map, area, len(task.walks), build_s=build_s)
+
+
+def surveyed_area(walks: Sequence[SurveyWalk]) -> SurveyedArea:
+    """Where the survey walks have samples."""
+    return SurveyedArea.from_tracks(
+        survey_track(walk.samples.t, detect_steps(walk.samples), walk.waypoints) for walk in walks
+    )
+
+
+def map_key(task: PrepareTask) -> str:
+    """SHA-256 of all that a map depends on: level, settings, walks and the engine's source."""
+    digest = hashlib.sha256(engine_hash().encode())
+    settings = asdict(task.settings) | {"level": task.name, "walks": [walk.walk_id for walk in task.walks]}
+    digest.update(json.dumps(settings, sort_keys=True).encode())
+    for walk in task.walks:
+        samples, waypoints = walk.samples, walk.waypoints
+        for column in (samples.t, samples.mag, samples.acc, samples.gyro, waypoints.t, waypoints.x, waypoints.y):
+            digest.update(np.ascontiguousarray(column).tobytes())
+    return digest.hexdigest()
+
+
+def engine_hash() -> str:
+    """SHA-256 of the engine's source: a changed engine must not meet maps of the old one."""
+    digest = hashlib.sha256()
+    root = Path(app.engine.__path__[0])
+    for path in sorted(root.rglob("*.py")):
+        digest.update(path.relative_to(root).as_posix().encode() + b"\0" + path.read_bytes() + b"\0")
+    return digest.hexdigest()
+
+
+def save_map(grid_map: GridMap, path: Path) -> None:
+    """Write a map; the file appears whole or not at all."""
+    header = {
+        name: getattr(grid_map, name) for name in ("level_id", "features", "x0", "y0", "cell_m", "mapped_m", "noise_sd")
+    }
+    path.parent.mkdir(parents=True, exist_ok=True)
+    temporary = path.with_name(f"{path.stem}.{os.getpid()}.tmp")
+    with temporary.open("wb") as file:
+        np.savez(
+            file,
+            header=np.array(json.dumps(header)),
+            mean=grid_map.mean,
+            sd=grid_map.sd,
+            support=grid_map.support,
+        )
+    temporary.replace(path)
+
+
+def load_map(path: Path) -> GridMap:
+    """Read a map written by :func:`save_map`."""
+    with np.load(path, allow_pickle=False) as content:
+        header = json.loads(str(content["header"]))
+        return GridMap(
+            level_id=header["level_id"],
+            features=FeatureSet(header["features"]),
+            x0=header["x0"],
+            y0=header["y0"],
+            cell_m=header["cell_m"],
+            mean=content["mean"],
+            sd=content["sd"],
+            support=content["support"],
+            mapped_m=header["mapped_m"],
+            noise_sd=tuple(header["noise_sd"]),
+        )

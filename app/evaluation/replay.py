@@ -1,0 +1,143 @@
+"""Replay and score walks of one level: the unit of work that is handed to a pool."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from app.engine.errors import EngineError
+from app.engine.inertial import detect_steps
+from app.engine.types import Fix, GridMap, MapSource, Tracker
+from app.evaluation.datasets.ilc20 import RecordedWalk
+from app.evaluation.drivers import Driver, EngineDriver, GridMaps, Smoother
+from app.evaluation.metrics import score_steps
+from app.evaluation.protocol import Aids, Scenario, Trip, make_trip
+from app.evaluation.report import BASELINE, Dropped, ScoredTrack, WalkResult
+from app.evaluation.truth import MIN_STEPS, SurveyedArea, truth_at_steps
+
+CreateTracker = Callable[[str, Mapping[str, object]], Tracker]
+
+
+@dataclass(frozen=True, slots=True)
+class Job:
+    """Walks of one level, and how they are replayed. Truth stays on this side of the driver.
+
+    ``level_id`` is what the driver calls the level (its name in the engine, an id in a service).
+    """
+
+    level: str
+    level_id: str
+    walks: tuple[RecordedWalk, ...]
+    area: SurveyedArea
+    scenario: Scenario
+    aids: Aids
+    repeat: int
+
+
+@dataclass(frozen=True, slots=True)
+class EngineJob:
+    """A job for the engine; pickles, if ``create_tracker`` and ``smoother`` are module-level functions."""
+
+    job: Job
+    maps: Mapping[str, GridMap]
+    method: str
+    parameters: Mapping[str, object]
+    create_tracker: CreateTracker
+    smoother: Smoother | None = None
+
+
+Results = tuple[WalkResult | Dropped, ...]
+
+
+def replay_in_engine(work: EngineJob) -> Results:
+    """Replay the walks through the engine, with dead reckoning and the smoothed track beside them."""
+    maps = GridMaps(work.maps)
+    driver = EngineDriver(work.create_tracker(work.method, work.parameters), maps)
+    baseline = EngineDriver(work.create_tracker(BASELINE, {}), maps)
+    return replay_walks(work.job, driver, baseline, work.smoother, maps)
+
+
+def replay_walks(
+    job: Job,
+    driver: Driver,
+    baseline: Driver | None,
+    smoother: Smoother | None = None,
+    map_source: MapSource | None = None,
+) -> Results:
+    """Replay and score the walks of a job, in its order."""
+    return tuple(_replay_walk(job, walk, driver, baseline, smoother, map_source) for walk in job.walks)
+
+
+def _replay_walk(
+    job: Job,
+    walk: RecordedWalk,
+    driver: Driver,
+    baseline: Driver | None,
+    smoother: Smoother | None,
+    map_source: MapSource | None,
+) -> WalkResult | Dropped:
+    truth = truth_at_steps(detect_steps(walk.samples), walk.waypoints)
+    if len(truth) < MIN_STEPS:
+        return Dropped(job.level, walk.walk_id, f"{len(truth)} steps, fewer than {MIN_STEPS}")
+    trip = make_trip(walk, job.level_id, job.scenario, aids=job.aids, repeat=job.repeat)
+    if not trip.segments:
+        return Dropped(job.level, walk.walk_id, "no samples after the first label")
+
+    def scored(fixes: Sequence[Fix]) -> ScoredTrack:
+        scores = score_steps(truth, fixes, start_t=trip.start_t, level_id=trip.level_id, prior=trip.prior)
+        return ScoredTrack(tuple(fixes), scores)
+
+    if not len(scored(()).scores):
+        return Dropped(job.level, walk.walk_id, "no step after the first seconds")
+    replay = driver.replay(trip)
+    result = WalkResult(
+        walk_id=walk.walk_id,
+        level=job.level,
+        covered_share=job.area.share_covered(truth),
+        length_m=walk.path_length_m,
+        start_t=trip.start_t,
+        end_t=float(trip.segments[-1].samples.t[-1]),
+        prior=trip.prior,
+        waypoints=walk.waypoints,
+        truth=truth,
+        causal=scored(replay.fixes),
+        segment_s=replay.segment_s,
+        failures=replay.failures,
+    )
+    if baseline and job.scenario is Scenario.TRACKING:  # it has nothing to start from in the others
+        result = replace(result, baseline=scored(baseline.replay(trip).fixes))
+    if smoother and map_source:
+        result = _with_smoothed(result, trip, smoother, map_source, scored)
+    return result
+
+
+def _with_smoothed(
+    result: WalkResult,
+    trip: Trip,
+    smoother: Smoother,
+    map_source: MapSource,
+    scored: Callable[[Sequence[Fix]], ScoredTrack],
+) -> WalkResult:
+    try:
+        return replace(result, smoothed=scored(smoother(trip, map_source)))
+    except EngineError as error:
+        return replace(result, failures=(*result.failures, f"smoothing: {error}"))
+
+
+def wifi_is_used(work: EngineJob) -> bool:
+    """Whether the method's answers change when it gets the walks' Wi-Fi readings.
+
+    Asked of the method itself, by replaying the job's walks with and without: a report must not claim an aid that
+    was only carried along.
+    """
+    driver = EngineDriver(work.create_tracker(work.method, work.parameters), GridMaps(work.maps))
+    for walk in work.job.walks:
+        answers = [
+            driver.replay(
+                make_trip(walk, work.job.level_id, work.job.scenario, aids=aids, repeat=work.job.repeat)
+            ).fixes
+            for aids in (Aids.NONE, Aids.WIFI)
+        ]
+        if answers[0] != answers[1]:
+            return True
+    return False
