@@ -1,0 +1,350 @@
+"""Tables.
+
+SQLAlchemy Core, no mapped classes: rows go straight into frozen records, so nothing can load lazily and the
+hot path pays for no identity map. Blobs live in tables of their own; listing things never reads them. Everything
+here is portable SQL; what concerns SQLite only is in :mod:`app.storage.database` (and ``WITHOUT ROWID``, which
+other databases ignore).
+"""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+from typing import Any
+
+from sqlalchemy import (
+    JSON,
+    BigInteger,
+    Boolean,
+    Column,
+    DateTime,
+    Dialect,
+    Double,
+    ForeignKey,
+    ForeignKeyConstraint,
+    Index,
+    Integer,
+    LargeBinary,
+    MetaData,
+    String,
+    Table,
+    Text,
+    TypeDecorator,
+    UniqueConstraint,
+)
+
+metadata = MetaData(
+    naming_convention={
+        "ix": "ix_%(table_name)s_%(column_0_N_name)s",
+        "uq": "uq_%(table_name)s_%(column_0_N_name)s",
+        "fk": "fk_%(table_name)s_%(column_0_N_name)s",
+        "pk": "pk_%(table_name)s",
+    }
+)
+
+
+class UtcDateTime(TypeDecorator[datetime]):
+    """Timezone-aware UTC on both sides, also where the database keeps no time zone."""
+
+    impl = DateTime(timezone=True)
+    cache_ok = True
+
+    def process_bind_param(self, value: datetime | None, _dialect: Dialect) -> datetime | None:
+        """Refuse naive times; store UTC."""
+        if value is None:
+            return None
+        if value.tzinfo is None:
+            raise ValueError("naive datetime; use datetime.now(UTC)")
+        return value.astimezone(UTC)
+
+    def process_result_value(self, value: datetime | None, _dialect: Dialect) -> datetime | None:
+        """Give the time zone back."""
+        if value is None:
+            return None
+        return value.replace(tzinfo=UTC) if value.tzinfo is None else value.astimezone(UTC)
+
+
+ID = String(40)
+HASH = String(64)
+NUMBER = BigInteger().with_variant(Integer, "sqlite")
+
+
+def _id() -> Column[str]:
+    return Column("id", ID, primary_key=True)
+
+
+def _time(name: str, *, nullable: bool = False) -> Column[Any]:
+    return Column(name, UtcDateTime, nullable=nullable)
+
+
+def _double(name: str, *, nullable: bool = False) -> Column[Any]:
+    return Column(name, Double, nullable=nullable)
+
+
+def _reference(name: str, target: str, *, nullable: bool = False, index: bool = False) -> Column[Any]:
+    return Column(name, ID, ForeignKey(target), nullable=nullable, index=index)
+
+
+venues = Table(
+    "venues",
+    metadata,
+    _id(),
+    Column("name", Text, nullable=False),
+    Column("kind", String(16), nullable=False),
+    _double("latitude_deg", nullable=True),
+    _double("longitude_deg", nullable=True),
+    _double("bearing_deg", nullable=True),
+    _double("height_m", nullable=True),
+    _time("created_at"),
+    _time("updated_at"),
+)
+
+levels = Table(
+    "levels",
+    metadata,
+    _id(),
+    _reference("venue_id", "venues.id", index=True),
+    Column("name", Text, nullable=False),
+    Column("ordinal", Integer, nullable=False),
+    _double("x_min"),
+    _double("y_min"),
+    _double("x_max"),
+    _double("y_max"),
+    Column("has_plan_image", Boolean, nullable=False),
+    Column("has_vector_plan", Boolean, nullable=False),
+    _time("created_at"),
+    _time("updated_at"),
+)
+
+level_plans = Table(
+    "level_plans",
+    metadata,
+    Column("level_id", ID, ForeignKey("levels.id"), primary_key=True),
+    Column("kind", String(16), primary_key=True),
+    Column("data", LargeBinary, nullable=False),
+)
+
+devices = Table(
+    "devices",
+    metadata,
+    _id(),
+    Column("name", Text, nullable=False),
+    Column("model", Text, nullable=True),
+    _time("created_at"),
+)
+
+surveys = Table(
+    "surveys",
+    metadata,
+    _id(),
+    _reference("level_id", "levels.id", index=True),
+    Column("name", Text, nullable=False),
+    _time("created_at"),
+)
+
+walks = Table(
+    "walks",
+    metadata,
+    _id(),
+    _reference("survey_id", "surveys.id"),
+    Column("name", Text, nullable=False),
+    _reference("device_id", "devices.id", nullable=True),
+    Column("n_samples", Integer, nullable=False),
+    Column("n_waypoints", Integer, nullable=False),
+    _double("duration_s"),
+    _double("length_m"),
+    Column("content_hash", HASH, nullable=False),
+    _time("created_at"),
+    UniqueConstraint("survey_id", "content_hash"),
+)
+
+walk_samples = Table(
+    "walk_samples",
+    metadata,
+    Column("walk_id", ID, ForeignKey("walks.id"), primary_key=True),
+    Column("samples", LargeBinary, nullable=False),
+    Column("waypoints", LargeBinary, nullable=False),
+    Column("wifi", LargeBinary, nullable=True),
+)
+
+jobs = Table(
+    "jobs",
+    metadata,
+    # order of arrival: ids would do, but for clocks that are set back between two starts
+    Column("number", NUMBER, primary_key=True, autoincrement=True),
+    Column("id", ID, nullable=False, unique=True),
+    Column("kind", String(16), nullable=False),
+    Column("state", String(16), nullable=False),
+    Column("order_key", ID, nullable=False),
+    Column("subject", JSON, nullable=False),
+    Column("attempts", Integer, nullable=False),
+    _double("progress"),
+    Column("progress_text", Text, nullable=False),
+    Column("result", JSON, nullable=False),
+    Column("error", Text, nullable=True),
+    _time("created_at"),
+    _time("started_at", nullable=True),
+    _time("finished_at", nullable=True),
+    # the claim and the bound of the queue read this index only
+    Index(None, "state", "kind", "order_key", "number"),
+)
+
+map_builds = Table(
+    "map_builds",
+    metadata,
+    Column("job_id", ID, ForeignKey("jobs.id"), primary_key=True),
+    _reference("level_id", "levels.id"),
+    Column("settings", JSON, nullable=False),
+    Column("survey_ids", JSON, nullable=False),
+)
+
+maps = Table(
+    "maps",
+    metadata,
+    _id(),
+    _reference("level_id", "levels.id"),
+    Column("version", Integer, nullable=False),
+    _reference("parent_id", "maps.id", nullable=True),
+    Column("hash", HASH, nullable=False),
+    Column("features", String(16), nullable=False),
+    _double("x0"),
+    _double("y0"),
+    _double("cell_m"),
+    Column("rows", Integer, nullable=False),
+    Column("columns", Integer, nullable=False),
+    _double("mapped_m"),
+    Column("noise_sd", JSON, nullable=False),
+    _double("mapped_share"),
+    _double("mapped_area_m2"),
+    Column("n_walks", Integer, nullable=False),
+    Column("n_samples", Integer, nullable=False),
+    _double("length_scale_m"),
+    Column("field_sd", JSON, nullable=False),
+    Column("walks", JSON, nullable=False),
+    _double("build_s"),
+    _time("created_at"),
+    UniqueConstraint("level_id", "version"),
+)
+
+current_maps = Table(
+    "current_maps",
+    metadata,
+    Column("level_id", ID, ForeignKey("levels.id"), primary_key=True),
+    _reference("map_id", "maps.id"),
+)
+
+tiles = Table(
+    "tiles",
+    metadata,
+    Column("hash", HASH, primary_key=True),
+    Column("data", LargeBinary, nullable=False),
+)
+
+map_tiles = Table(
+    "map_tiles",
+    metadata,
+    Column("map_id", ID, ForeignKey("maps.id"), primary_key=True),
+    Column("row", Integer, primary_key=True, autoincrement=False),
+    Column("column", Integer, primary_key=True, autoincrement=False),
+    Column("tile_hash", HASH, ForeignKey("tiles.hash"), nullable=False),
+    sqlite_with_rowid=False,
+)
+
+sessions = Table(
+    "sessions",
+    metadata,
+    _id(),
+    _reference("venue_id", "venues.id"),
+    _reference("level_id", "levels.id"),
+    _reference("map_id", "maps.id"),
+    _reference("device_id", "devices.id", nullable=True),
+    Column("method", String(64), nullable=False),
+    Column("parameters", JSON, nullable=False),
+    Column("prior", JSON, nullable=False),
+    Column("status", String(16), nullable=False),
+    Column("next_seq", Integer, nullable=False),
+    _time("created_at"),
+    _time("closed_at", nullable=True),
+    Index(None, "level_id", "id"),
+    Index(None, "device_id", "id"),
+)
+
+tracker_states = Table(
+    "tracker_states",
+    metadata,
+    Column("session_id", ID, ForeignKey("sessions.id"), primary_key=True),
+    Column("method", String(64), nullable=False),
+    Column("payload", LargeBinary, nullable=False),
+    _double("last_t", nullable=True),
+)
+
+segments = Table(
+    "segments",
+    metadata,
+    Column("session_id", ID, ForeignKey("sessions.id"), primary_key=True),
+    Column("seq", Integer, primary_key=True, autoincrement=False),
+    Column("content_hash", HASH, nullable=False),
+    Column("n_samples", Integer, nullable=False),
+    _double("t_start"),
+    _double("t_end"),
+    _reference("job_id", "jobs.id"),
+    Column("error", Text, nullable=True),
+    # fixes of one segment are numbered without gaps, so two numbers replace an index on fixes
+    Column("first_fix", Integer, nullable=True),
+    Column("n_fixes", Integer, nullable=True),
+    _time("received_at"),
+    _time("processed_at", nullable=True),
+    sqlite_with_rowid=False,
+)
+
+segment_samples = Table(
+    "segment_samples",
+    metadata,
+    Column("session_id", ID, primary_key=True),
+    Column("seq", Integer, primary_key=True, autoincrement=False),
+    Column("samples", LargeBinary, nullable=False),
+    Column("wifi", LargeBinary, nullable=True),
+    ForeignKeyConstraint(["session_id", "seq"], ["segments.session_id", "segments.seq"]),
+)
+
+fixes = Table(
+    "fixes",
+    metadata,
+    Column("session_id", ID, ForeignKey("sessions.id"), primary_key=True),
+    Column("number", Integer, primary_key=True, autoincrement=False),
+    Column("seq", Integer, nullable=False),
+    _double("t"),
+    Column("level_id", ID, nullable=False),
+    _double("x"),
+    _double("y"),
+    _double("cov_xx"),
+    _double("cov_xy"),
+    _double("cov_yy"),
+    _double("heading"),
+    Column("status", String(16), nullable=False),
+    _double("quality"),
+    Column("sure", Boolean, nullable=False),
+    _double("walk_on_m", nullable=True),
+    sqlite_with_rowid=False,
+)
+
+api_keys = Table(
+    "api_keys",
+    metadata,
+    _id(),
+    Column("name", Text, nullable=False),
+    Column("scopes", JSON, nullable=False),
+    Column("secret_hash", HASH, nullable=False, unique=True),
+    _time("created_at"),
+    _time("last_used_at", nullable=True),
+    _time("revoked_at", nullable=True),
+)
+
+idempotency_keys = Table(
+    "idempotency_keys",
+    metadata,
+    Column("key_id", ID, primary_key=True),
+    Column("idempotency_key", String(255), primary_key=True),
+    Column("request_hash", HASH, nullable=False),
+    Column("created_id", ID, nullable=False),
+    Column("created_at", UtcDateTime, nullable=False, index=True),
+)

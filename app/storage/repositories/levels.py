@@ -1,0 +1,106 @@
+"""Levels, their plans and current maps."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from typing import Any
+
+from sqlalchemy import Row, delete, insert, select, update
+
+from app.services.records import Level, Page
+from app.storage.models import current_maps, level_plans, levels
+from app.storage.repositories.base import Repository, expect_one
+
+_IMAGE, _VECTOR = "image", "vector"
+_SELECT = select(levels, current_maps.c.map_id).outerjoin(current_maps, current_maps.c.level_id == levels.c.id)
+
+
+class SqlLevelRepository(Repository):
+    """Port ``LevelRepository``."""
+
+    def add(self, level: Level) -> None:
+        """Store a level."""
+        x_min, y_min, x_max, y_max = level.extent
+        self._write(
+            insert(levels).values(
+                id=level.id,
+                venue_id=level.venue_id,
+                name=level.name,
+                ordinal=level.ordinal,
+                x_min=x_min,
+                y_min=y_min,
+                x_max=x_max,
+                y_max=y_max,
+                has_plan_image=level.has_plan_image,
+                has_vector_plan=level.has_vector_plan,
+                created_at=level.created_at,
+                updated_at=level.updated_at,
+            )
+        )
+
+    def get(self, level_id: str) -> Level:
+        """One level."""
+        return _level(self._one("level", level_id, _SELECT.where(levels.c.id == level_id)))
+
+    def list(self, *, venue_id: str | None, cursor: str | None, limit: int) -> Page[Level]:
+        """Levels, newest first."""
+        statement = _SELECT if venue_id is None else _SELECT.where(levels.c.venue_id == venue_id)
+        return self._newest_first(statement, levels.c.id, _level, cursor=cursor, limit=limit)
+
+    def set_plan_image(self, level_id: str, png: bytes, now: datetime) -> None:
+        """Store the plan image."""
+        self._mark(level_id, now, has_plan_image=True)
+        self._set_plan(level_id, _IMAGE, png)
+
+    def plan_image(self, level_id: str) -> bytes | None:
+        """The plan image, if there is one."""
+        return self._plan(level_id, _IMAGE)
+
+    def set_vector_plan(self, level_id: str, geojson: bytes, now: datetime) -> None:
+        """Store the vector plan."""
+        self._mark(level_id, now, has_vector_plan=True)
+        self._set_plan(level_id, _VECTOR, geojson)
+
+    def vector_plan(self, level_id: str) -> bytes | None:
+        """The vector plan, if there is one."""
+        return self._plan(level_id, _VECTOR)
+
+    def set_current_map(self, level_id: str, map_id: str, now: datetime) -> None:
+        """Make a map the one that new sessions use."""
+        self._mark(level_id, now)
+        self._write(delete(current_maps).where(current_maps.c.level_id == level_id))
+        self._write(insert(current_maps).values(level_id=level_id, map_id=map_id))
+
+    def _mark(self, level_id: str, now: datetime, **flags: bool) -> None:
+        changed = self._write(update(levels).where(levels.c.id == level_id).values(updated_at=now, **flags))
+        expect_one(changed, "level", level_id)
+
+    def _set_plan(self, level_id: str, kind: str, data: bytes) -> None:
+        of_level = (level_plans.c.level_id == level_id) & (level_plans.c.kind == kind)
+        self._write(delete(level_plans).where(of_level))
+        self._write(insert(level_plans).values(level_id=level_id, kind=kind, data=data))
+
+    def _plan(self, level_id: str, kind: str) -> bytes | None:
+        statement = (
+            select(level_plans.c.data)
+            .select_from(levels)
+            .outerjoin(level_plans, (level_plans.c.level_id == levels.c.id) & (level_plans.c.kind == kind))
+            .where(levels.c.id == level_id)
+        )
+        data: bytes | None = self._one("level", level_id, statement).data
+        return data
+
+
+def _level(row: Row[Any]) -> Level:
+    return Level(
+        id=row.id,
+        venue_id=row.venue_id,
+        name=row.name,
+        ordinal=row.ordinal,
+        extent=(row.x_min, row.y_min, row.x_max, row.y_max),
+        has_plan_image=row.has_plan_image,
+        has_vector_plan=row.has_vector_plan,
+        current_map_id=row.map_id,
+        created_at=row.created_at,
+        updated_at=row.updated_at,
+    )

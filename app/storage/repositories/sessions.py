@@ -1,0 +1,266 @@
+"""Sessions, their segments, tracker states and fixes.
+
+The statements that each segment needs are built once: composing them costs more than SQLite takes to run them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict
+from datetime import datetime
+from typing import Any
+
+from sqlalchemy import BindParameter, Row, bindparam, func, insert, select, update
+
+from app.engine.types import Fix, Prior, Segment, Status, TrackerState
+from app.services.errors import SequenceGapError
+from app.services.records import JobState, NewSegment, Page, Position, SegmentInfo, Session, SessionStatus
+from app.storage.columns import decode_samples, decode_scans, encode_samples, encode_scans
+from app.storage.models import fixes, jobs, segment_samples, segments, sessions, tracker_states
+from app.storage.repositories.base import Repository, expect_one, page
+
+_ID: BindParameter[Any] = bindparam("session")
+_SEQ: BindParameter[Any] = bindparam("number")
+_NOW: BindParameter[Any] = bindparam("now")
+_SEGMENT_KEY = (segments.c.session_id == _ID, segments.c.seq == _SEQ)
+
+_GET = select(sessions).where(sessions.c.id == _ID)
+_INSERT = insert(sessions)
+_ADVANCE = (
+    update(sessions)
+    .where(sessions.c.id == _ID, sessions.c.next_seq == _SEQ, sessions.c.status == SessionStatus.OPEN.value)
+    .values(next_seq=sessions.c.next_seq + 1)
+)
+_SEGMENTS = select(segments, jobs.c.state.label("job_state")).join(jobs, jobs.c.id == segments.c.job_id)
+_GET_SEGMENT = _SEGMENTS.where(*_SEGMENT_KEY)
+_LAST_SEGMENT = _SEGMENTS.where(segments.c.session_id == _ID).order_by(segments.c.seq.desc()).limit(1)
+_INSERT_SEGMENT = insert(segments)
+_INSERT_SAMPLES = insert(segment_samples)
+_LOAD_SEGMENT = select(segment_samples.c.samples, segment_samples.c.wifi).where(
+    segment_samples.c.session_id == _ID, segment_samples.c.seq == _SEQ
+)
+_GET_STATE = select(tracker_states).where(tracker_states.c.session_id == _ID)
+_UPDATE_STATE = (
+    update(tracker_states)
+    .where(tracker_states.c.session_id == _ID)
+    .values(method=bindparam("new_method"), payload=bindparam("new_payload"), last_t=bindparam("new_last_t"))
+)
+_INSERT_STATE = insert(tracker_states)
+_LAST_NUMBER = select(func.max(fixes.c.number)).where(fixes.c.session_id == _ID)
+_INSERT_FIXES = insert(fixes)
+_MARK_PROCESSED = (
+    update(segments)
+    .where(*_SEGMENT_KEY)
+    .values(processed_at=_NOW, first_fix=bindparam("first"), n_fixes=bindparam("count"))
+)
+_MARK_FAILED = update(segments).where(*_SEGMENT_KEY).values(processed_at=_NOW, error=bindparam("message"))
+
+
+class SqlSessionRepository(Repository):
+    """Port ``SessionRepository``."""
+
+    def add(self, session: Session) -> None:
+        """Store a session."""
+        self._write(
+            _INSERT,
+            {
+                "id": session.id,
+                "venue_id": session.venue_id,
+                "level_id": session.level_id,
+                "map_id": session.map_id,
+                "device_id": session.device_id,
+                "method": session.method,
+                "parameters": dict(session.parameters),
+                "prior": asdict(session.prior),
+                "status": session.status,
+                "next_seq": session.next_seq,
+                "created_at": session.created_at,
+                "closed_at": session.closed_at,
+            },
+        )
+
+    def get(self, session_id: str) -> Session:
+        """One session."""
+        return _session(self._one("session", session_id, _GET, {"session": session_id}))
+
+    def list(
+        self, *, level_id: str | None, device_id: str | None, status: str | None, cursor: str | None, limit: int
+    ) -> Page[Session]:
+        """Sessions, newest first."""
+        statement = select(sessions)
+        for column, value in ((sessions.c.level_id, level_id), (sessions.c.device_id, device_id)):
+            if value is not None:
+                statement = statement.where(column == value)
+        if status is not None:
+            statement = statement.where(sessions.c.status == status)
+        return self._newest_first(statement, sessions.c.id, _session, cursor=cursor, limit=limit)
+
+    def close(self, session_id: str, now: datetime) -> Session:
+        """Take no more segments; a closed session stays as it is."""
+        self._write(
+            update(sessions)
+            .where(sessions.c.id == session_id, sessions.c.status == SessionStatus.OPEN)
+            .values(status=SessionStatus.CLOSED, closed_at=now)
+        )
+        return self.get(session_id)
+
+    def add_segment(self, session_id: str, segment: NewSegment, job_id: str, now: datetime) -> None:
+        """Store the raw samples as compressed columns and advance ``next_seq``."""
+        key = {"session_id": session_id, "seq": segment.seq}
+        # a condition, not only a check before: on databases with row locks two writers may both have checked
+        if not self._write(_ADVANCE, {"session": session_id, "number": segment.seq}).rowcount:
+            raise SequenceGapError(segment.seq, self.get(session_id).next_seq)
+        self._write(
+            _INSERT_SEGMENT,
+            {
+                **key,
+                "content_hash": segment.content_hash,
+                "n_samples": len(segment.samples),
+                "t_start": float(segment.samples.t[0]),
+                "t_end": float(segment.samples.t[-1]),
+                "job_id": job_id,
+                "received_at": now,
+            },
+        )
+        wifi = None if segment.wifi is None else encode_scans(segment.wifi)
+        self._write(_INSERT_SAMPLES, {**key, "samples": encode_samples(segment.samples), "wifi": wifi})
+
+    def get_segment(self, session_id: str, seq: int) -> SegmentInfo:
+        """One segment, without its samples."""
+        row = self._one("segment", f"{session_id}/{seq}", _GET_SEGMENT, {"session": session_id, "number": seq})
+        return _segment(row)
+
+    def list_segments(self, session_id: str, *, cursor: str | None, limit: int) -> Page[SegmentInfo]:
+        """Segments, oldest first; the cursor is the last ``seq`` seen."""
+        statement = _SEGMENTS.where(segments.c.session_id == session_id)
+        if cursor is not None:
+            statement = statement.where(segments.c.seq > int(cursor))
+        rows = self._read(statement.order_by(segments.c.seq).limit(limit + 1)).all()
+        return page(rows, _segment, lambda row: str(row.seq), limit=limit)
+
+    def last_segment(self, session_id: str) -> SegmentInfo | None:
+        """The newest segment, if there is one."""
+        row = self._read(_LAST_SEGMENT, {"session": session_id}).one_or_none()
+        return None if row is None else _segment(row)
+
+    def load_segment(self, session_id: str, seq: int) -> Segment:
+        """Samples of a segment."""
+        row = self._one("segment", f"{session_id}/{seq}", _LOAD_SEGMENT, {"session": session_id, "number": seq})
+        return Segment(decode_samples(row.samples), None if row.wifi is None else decode_scans(row.wifi))
+
+    def state(self, session_id: str) -> TrackerState | None:
+        """Tracker state after the last processed segment; None before the first."""
+        row = self._read(_GET_STATE, {"session": session_id}).one_or_none()
+        return None if row is None else TrackerState(row.method, row.payload, row.last_t)
+
+    def record_result(
+        self, session_id: str, seq: int, state: TrackerState, fixes: Sequence[Fix], now: datetime
+    ) -> None:
+        """Store new state and fixes, and mark the segment processed."""
+        last = self._read(_LAST_NUMBER, {"session": session_id}).scalar()
+        first = 0 if last is None else last + 1
+        if fixes:
+            self._write(_INSERT_FIXES, [_columns(session_id, first + i, seq, fix) for i, fix in enumerate(fixes)])
+        self._set_state(session_id, state)
+        marked = self._write(
+            _MARK_PROCESSED,
+            {"session": session_id, "number": seq, "now": now, "first": first, "count": len(fixes)},
+        )
+        expect_one(marked, "segment", f"{session_id}/{seq}")
+
+    def record_failure(self, session_id: str, seq: int, error: str, now: datetime) -> None:
+        """Mark the segment as one that gave no fixes; the state stays as it was."""
+        marked = self._write(_MARK_FAILED, {"session": session_id, "number": seq, "now": now, "message": error})
+        expect_one(marked, "segment", f"{session_id}/{seq}")
+
+    def list_positions(self, session_id: str, *, seq: int | None, cursor: str | None, limit: int) -> Page[Position]:
+        """Fixes in time order; the cursor is the ``number`` of the last one seen."""
+        statement = select(fixes).where(fixes.c.session_id == session_id)
+        if seq is not None:
+            first, end = self._fix_range(session_id, seq)
+            statement = statement.where(fixes.c.number >= first, fixes.c.number < end)
+        if cursor is not None:
+            statement = statement.where(fixes.c.number > int(cursor))
+        rows = self._read(statement.order_by(fixes.c.number).limit(limit + 1)).all()
+        return page(rows, _position, lambda row: str(row.number), limit=limit)
+
+    def _fix_range(self, session_id: str, seq: int) -> tuple[int, int]:
+        row = self._one("segment", f"{session_id}/{seq}", _GET_SEGMENT, {"session": session_id, "number": seq})
+        return (0, 0) if row.first_fix is None else (row.first_fix, row.first_fix + row.n_fixes)
+
+    def _set_state(self, session_id: str, state: TrackerState) -> None:
+        new = {"new_method": state.method, "new_payload": state.payload, "new_last_t": state.last_t}
+        if not self._write(_UPDATE_STATE, {"session": session_id, **new}).rowcount:
+            values = {"method": state.method, "payload": state.payload, "last_t": state.last_t}
+            self._write(_INSERT_STATE, {"session_id": session_id, **values})
+
+
+def _session(row: Row[Any]) -> Session:
+    return Session(
+        id=row.id,
+        venue_id=row.venue_id,
+        level_id=row.level_id,
+        map_id=row.map_id,
+        device_id=row.device_id,
+        method=row.method,
+        parameters=row.parameters,
+        prior=Prior(**row.prior),
+        status=SessionStatus(row.status),
+        next_seq=row.next_seq,
+        created_at=row.created_at,
+        closed_at=row.closed_at,
+    )
+
+
+def _segment(row: Row[Any]) -> SegmentInfo:
+    return SegmentInfo(
+        session_id=row.session_id,
+        seq=row.seq,
+        content_hash=row.content_hash,
+        n_samples=row.n_samples,
+        t_start=row.t_start,
+        t_end=row.t_end,
+        job_id=row.job_id,
+        job_state=JobState(row.job_state),
+        error=row.error,
+        received_at=row.received_at,
+        processed_at=row.processed_at,
+    )
+
+
+def _columns(session_id: str, number: int, seq: int, fix: Fix) -> dict[str, Any]:
+    return {
+        "session_id": session_id,
+        "number": number,
+        "seq": seq,
+        "t": fix.t,
+        "level_id": fix.level_id,
+        "x": fix.x,
+        "y": fix.y,
+        "cov_xx": fix.cov_xx,
+        "cov_xy": fix.cov_xy,
+        "cov_yy": fix.cov_yy,
+        "heading": fix.heading,
+        "status": fix.status,
+        "quality": fix.quality,
+        "sure": fix.sure,
+        "walk_on_m": fix.walk_on_m,
+    }
+
+
+def _position(row: Row[Any]) -> Position:
+    fix = Fix(
+        t=row._mapping["t"],  # row.t is SQLAlchemy's own
+        level_id=row.level_id,
+        x=row.x,
+        y=row.y,
+        cov_xx=row.cov_xx,
+        cov_xy=row.cov_xy,
+        cov_yy=row.cov_yy,
+        heading=row.heading,
+        status=Status(row.status),
+        quality=row.quality,
+        sure=row.sure,
+        walk_on_m=row.walk_on_m,
+    )
+    return Position(row.session_id, row.number, row.seq, fix)

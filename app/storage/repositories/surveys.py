@@ -1,0 +1,136 @@
+"""Surveys and their walks."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from sqlalchemy import Row, Select, delete, func, insert, select
+
+from app.engine.types import SurveyWalk
+from app.services.records import NewWalk, Page, Survey, Walk
+from app.storage.columns import (
+    decode_samples,
+    decode_scans,
+    decode_waypoints,
+    encode_samples,
+    encode_scans,
+    encode_waypoints,
+)
+from app.storage.models import surveys, walk_samples, walks
+from app.storage.repositories.base import Repository, expect_one, page
+
+_N_WALKS = select(func.count()).where(walks.c.survey_id == surveys.c.id).scalar_subquery()
+_SELECT = select(surveys, _N_WALKS.label("n_walks"))
+
+
+class SqlSurveyRepository(Repository):
+    """Port ``SurveyRepository``."""
+
+    def add(self, survey: Survey) -> None:
+        """Store a survey."""
+        self._write(
+            insert(surveys).values(
+                id=survey.id, level_id=survey.level_id, name=survey.name, created_at=survey.created_at
+            )
+        )
+
+    def get(self, survey_id: str) -> Survey:
+        """One survey."""
+        return _survey(self._one("survey", survey_id, _SELECT.where(surveys.c.id == survey_id)))
+
+    def list(self, *, level_id: str | None, cursor: str | None, limit: int) -> Page[Survey]:
+        """Surveys, newest first."""
+        statement = _SELECT if level_id is None else _SELECT.where(surveys.c.level_id == level_id)
+        return self._newest_first(statement, surveys.c.id, _survey, cursor=cursor, limit=limit)
+
+    def add_walk(self, walk: Walk, data: NewWalk) -> None:
+        """Store a walk with its samples."""
+        self._write(
+            insert(walks).values(
+                id=walk.id,
+                survey_id=walk.survey_id,
+                name=walk.name,
+                device_id=walk.device_id,
+                n_samples=walk.n_samples,
+                n_waypoints=walk.n_waypoints,
+                duration_s=walk.duration_s,
+                length_m=walk.length_m,
+                content_hash=walk.content_hash,
+                created_at=walk.created_at,
+            )
+        )
+        self._write(
+            insert(walk_samples).values(
+                walk_id=walk.id,
+                samples=encode_samples(data.samples),
+                waypoints=encode_waypoints(data.waypoints),
+                wifi=None if data.wifi is None else encode_scans(data.wifi),
+            )
+        )
+
+    def get_walk(self, walk_id: str) -> Walk:
+        """One walk, without its samples."""
+        return _walk(self._one("walk", walk_id, select(walks).where(walks.c.id == walk_id)))
+
+    def find_walk(self, survey_id: str, content_hash: str) -> Walk | None:
+        """The walk of this content, if the survey has it."""
+        statement = select(walks).where(walks.c.survey_id == survey_id, walks.c.content_hash == content_hash)
+        row = self._read(statement).one_or_none()
+        return None if row is None else _walk(row)
+
+    def list_walks(self, survey_id: str, *, cursor: str | None, limit: int) -> Page[Walk]:
+        """Walks of a survey, oldest first."""
+        statement = select(walks).where(walks.c.survey_id == survey_id)
+        if cursor is not None:
+            statement = statement.where(walks.c.id > cursor)
+        rows = self._read(statement.order_by(walks.c.id).limit(limit + 1)).all()
+        return page(rows, _walk, lambda row: str(row.id), limit=limit)
+
+    def delete_walk(self, walk_id: str) -> None:
+        """Delete a walk with its samples."""
+        self._write(delete(walk_samples).where(walk_samples.c.walk_id == walk_id))
+        expect_one(self._write(delete(walks).where(walks.c.id == walk_id)), "walk", walk_id)
+
+    def count_walks(self, level_id: str, survey_ids: Sequence[str]) -> int:
+        """How many walks a build from these surveys would read."""
+        return int(self._read(_of_level(select(func.count()), level_id, survey_ids)).scalar_one())
+
+    def load_walks(self, level_id: str, survey_ids: Sequence[str]) -> Sequence[SurveyWalk]:
+        """Samples of all walks of the level (of these surveys only, when any are named), oldest first."""
+        wanted = select(walks.c.id, walk_samples.c.samples, walk_samples.c.waypoints, walk_samples.c.wifi)
+        statement = _of_level(wanted, level_id, survey_ids).join(walk_samples, walk_samples.c.walk_id == walks.c.id)
+        return [
+            SurveyWalk(
+                walk_id=row.id,
+                samples=decode_samples(row.samples),
+                waypoints=decode_waypoints(row.waypoints),
+                wifi=None if row.wifi is None else decode_scans(row.wifi),
+            )
+            for row in self._read(statement.order_by(walks.c.id))
+        ]
+
+
+def _of_level(statement: Select[Any], level_id: str, survey_ids: Sequence[str]) -> Select[Any]:
+    statement = statement.select_from(walks).join(surveys, surveys.c.id == walks.c.survey_id)
+    statement = statement.where(surveys.c.level_id == level_id)
+    return statement.where(surveys.c.id.in_(survey_ids)) if survey_ids else statement
+
+
+def _survey(row: Row[Any]) -> Survey:
+    return Survey(row.id, row.level_id, row.name, n_walks=row.n_walks, created_at=row.created_at)
+
+
+def _walk(row: Row[Any]) -> Walk:
+    return Walk(
+        id=row.id,
+        survey_id=row.survey_id,
+        name=row.name,
+        device_id=row.device_id,
+        n_samples=row.n_samples,
+        n_waypoints=row.n_waypoints,
+        duration_s=row.duration_s,
+        length_m=row.length_m,
+        content_hash=row.content_hash,
+        created_at=row.created_at,
+    )

@@ -1,0 +1,48 @@
+"""One transaction with its repositories."""
+
+from __future__ import annotations
+
+from sqlalchemy import Connection
+
+from app.services.ports import (
+    DeviceRepository,
+    IdempotencyRepository,
+    JobRepository,
+    KeyRepository,
+    LevelRepository,
+    MapRepository,
+    SessionRepository,
+    SurveyRepository,
+    VenueRepository,
+)
+from app.services.records import Stats
+from app.storage.repositories.devices import SqlDeviceRepository
+from app.storage.repositories.idempotency import SqlIdempotencyRepository
+from app.storage.repositories.jobs import SqlJobRepository
+from app.storage.repositories.keys import SqlKeyRepository
+from app.storage.repositories.levels import SqlLevelRepository
+from app.storage.repositories.maps import SqlMapRepository
+from app.storage.repositories.sessions import SqlSessionRepository
+from app.storage.repositories.stats import read_stats
+from app.storage.repositories.surveys import SqlSurveyRepository
+from app.storage.repositories.venues import SqlVenueRepository
+
+
+class SqlUnitOfWork:
+    """Repositories over one connection inside one transaction."""
+
+    def __init__(self, connection: Connection, *, writable: bool) -> None:
+        self._connection = connection
+        self.venues: VenueRepository = SqlVenueRepository(connection, writable=writable)
+        self.levels: LevelRepository = SqlLevelRepository(connection, writable=writable)
+        self.devices: DeviceRepository = SqlDeviceRepository(connection, writable=writable)
+        self.surveys: SurveyRepository = SqlSurveyRepository(connection, writable=writable)
+        self.maps: MapRepository = SqlMapRepository(connection, writable=writable)
+        self.sessions: SessionRepository = SqlSessionRepository(connection, writable=writable)
+        self.jobs: JobRepository = SqlJobRepository(connection, writable=writable)
+        self.keys: KeyRepository = SqlKeyRepository(connection, writable=writable)
+        self.idempotency: IdempotencyRepository = SqlIdempotencyRepository(connection, writable=writable)
+
+    def stats(self) -> Stats:
+        """Counts of everything stored."""
+        return read_stats(self._connection)
