@@ -1,0 +1,132 @@
+"""Client of Isodyn, the open network-side geomagnetic positioning service.
+
+>>> import isodyn_client as isodyn
+>>> client = isodyn.Client("http://127.0.0.1:8080", key="isk_...")
+>>> client
+Client('http://127.0.0.1:8080')
+
+:class:`Client` and :class:`AsyncClient` have the same methods. Samples go in as numpy arrays (:class:`Samples`),
+fixes come out as numpy arrays (:class:`Fixes`), everything else as frozen models. Whatever goes wrong is an
+:class:`IsodynError`; the tree is drawn in :mod:`isodyn_client.errors`.
+"""
+
+from isodyn_client.aio import AsyncClient, AsyncSession
+from isodyn_client.client import Client, Session
+from isodyn_client.encoding import Encoding
+from isodyn_client.errors import (
+    ConflictError,
+    ConnectionFailedError,
+    FieldError,
+    ForbiddenError,
+    InvalidRequestError,
+    IsodynError,
+    JobFailedError,
+    NoAnchorError,
+    NoMapError,
+    NotFoundError,
+    OverloadedError,
+    ProblemError,
+    RateLimitedError,
+    RequestTimeoutError,
+    SequenceConflictError,
+    SequenceGapError,
+    ServiceFailedError,
+    SessionClosedError,
+    StillWaitingError,
+    TooLargeError,
+    UnauthorizedError,
+    UnexpectedAnswerError,
+)
+from isodyn_client.fixes import FieldRaster, Fixes
+from isodyn_client.models import (
+    Anchor,
+    ApiKey,
+    Device,
+    Ellipse,
+    Extent,
+    FeatureSet,
+    Job,
+    JobState,
+    Level,
+    MapInfo,
+    Method,
+    NewApiKey,
+    Position,
+    Prior,
+    Scope,
+    SessionInfo,
+    SessionStatus,
+    Stats,
+    Status,
+    Survey,
+    Venue,
+    VenueKind,
+    Walk,
+    WalkReport,
+)
+from isodyn_client.results import LocateResult, PositionPage, SegmentResult
+from isodyn_client.retry import RetryPolicy
+from isodyn_client.samples import Samples, Waypoints, WifiScans
+
+__all__ = [
+    "Anchor",
+    "ApiKey",
+    "AsyncClient",
+    "AsyncSession",
+    "Client",
+    "ConflictError",
+    "ConnectionFailedError",
+    "Device",
+    "Ellipse",
+    "Encoding",
+    "Extent",
+    "FeatureSet",
+    "FieldError",
+    "FieldRaster",
+    "Fixes",
+    "ForbiddenError",
+    "InvalidRequestError",
+    "IsodynError",
+    "Job",
+    "JobFailedError",
+    "JobState",
+    "Level",
+    "LocateResult",
+    "MapInfo",
+    "Method",
+    "NewApiKey",
+    "NoAnchorError",
+    "NoMapError",
+    "NotFoundError",
+    "OverloadedError",
+    "Position",
+    "PositionPage",
+    "Prior",
+    "ProblemError",
+    "RateLimitedError",
+    "RequestTimeoutError",
+    "RetryPolicy",
+    "Samples",
+    "Scope",
+    "SegmentResult",
+    "SequenceConflictError",
+    "SequenceGapError",
+    "ServiceFailedError",
+    "Session",
+    "SessionClosedError",
+    "SessionInfo",
+    "SessionStatus",
+    "Stats",
+    "Status",
+    "StillWaitingError",
+    "Survey",
+    "TooLargeError",
+    "UnauthorizedError",
+    "UnexpectedAnswerError",
+    "Venue",
+    "VenueKind",
+    "Walk",
+    "WalkReport",
+    "Waypoints",
+    "WifiScans",
+]

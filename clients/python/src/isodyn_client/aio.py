@@ -1,0 +1,285 @@
+"""The asynchronous client: the same calls and flows as :mod:`isodyn_client.client`, awaited."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine, Iterator, Mapping
+from types import TracebackType
+from typing import Any, Concatenate, ParamSpec, Self, TypeVar
+
+import httpx
+
+from isodyn_client import endpoints
+from isodyn_client.calls import Call, Listing
+from isodyn_client.connection import Connection
+from isodyn_client.encoding import Encoding
+from isodyn_client.fixes import Fixes
+from isodyn_client.flows import Flow, Flows, Pause, Send
+from isodyn_client.models import Prior, SessionInfo
+from isodyn_client.results import SegmentResult
+from isodyn_client.retry import RetryPolicy
+from isodyn_client.samples import SEGMENT_S, Samples, WifiScans
+from isodyn_client.sequence import Sequencer
+from isodyn_client.signatures import as_method
+
+P = ParamSpec("P")
+T = TypeVar("T")
+
+
+def _call(build: Callable[P, Call[T]]) -> Callable[Concatenate[AsyncClient, P], Coroutine[Any, Any, T]]:
+    async def method(self: AsyncClient, /, *args: P.args, **kwargs: P.kwargs) -> T:
+        return await self.call(build(*args, **kwargs))
+
+    as_method(build, method)
+    return method
+
+
+def _list(build: Callable[P, Listing[T]]) -> Callable[Concatenate[AsyncClient, P], AsyncIterator[T]]:
+    def method(self: AsyncClient, /, *args: P.args, **kwargs: P.kwargs) -> AsyncIterator[T]:
+        return self.iterate(build(*args, **kwargs))
+
+    as_method(build, method)
+    return method
+
+
+def _flow(
+    build: Callable[Concatenate[Flows, P], Flow[T]],
+) -> Callable[Concatenate[AsyncClient, P], Coroutine[Any, Any, T]]:
+    async def method(self: AsyncClient, /, *args: P.args, **kwargs: P.kwargs) -> T:
+        return await self.run(build(self.flows, *args, **kwargs))
+
+    as_method(build, method)
+    return method
+
+
+async def _chunks(pieces: Iterator[bytes]) -> AsyncIterator[bytes]:
+    for piece in pieces:
+        yield piece
+
+
+class AsyncClient:
+    """A service of Isodyn, called asynchronously. Parameters are those of :class:`isodyn_client.Client`.
+
+    Examples
+    --------
+    >>> async with AsyncClient() as client:                              # doctest: +SKIP
+    ...     async with await client.open_session(level_id) as session:
+    ...         async for result in session.send_all(samples, wait=10):
+    ...             print(result.position)
+    """
+
+    def __init__(
+        self,
+        url: str | None = None,
+        key: str | None = None,
+        *,
+        timeout: float = 30.0,
+        retry: RetryPolicy | None = None,
+        transport: httpx.AsyncBaseTransport | None = None,
+        sleep: Callable[[float], Awaitable[None]] = asyncio.sleep,
+    ) -> None:
+        self.connection = Connection.choose(url, key, timeout)
+        self.flows = Flows(policy=retry or RetryPolicy())
+        self._sleep = sleep
+        self._http = httpx.AsyncClient(transport=transport, **self.connection.options())
+
+    async def __aenter__(self) -> Self:
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        await self.close()
+
+    def __repr__(self) -> str:
+        return f"AsyncClient({self.connection.url!r})"
+
+    async def close(self) -> None:
+        """Close the connections."""
+        await self._http.aclose()
+
+    async def call(self, call: Call[T]) -> T:
+        """Send a call (of :mod:`isodyn_client.endpoints`) and return its result."""
+        return await self.run(self.flows.exchange(call))
+
+    async def iterate(self, listing: Listing[T]) -> AsyncIterator[T]:
+        """All items of a list; pages are fetched as they are needed."""
+        cursor: str | None = None
+        while True:
+            page = await self.call(listing.page(cursor))
+            for item in page.items:
+                yield item
+            cursor = page.next_cursor
+            if cursor is None:
+                return
+
+    async def run(self, flow: Flow[T]) -> T:
+        """Do what a flow asks for until it returns."""
+        try:
+            step = next(flow)
+            while True:
+                if isinstance(step, Pause):
+                    await self._sleep(step.seconds)
+                    step = flow.send(None)
+                    continue
+                try:
+                    response = await self._send(step)
+                except httpx.TransportError as error:
+                    step = flow.throw(error)
+                else:
+                    step = flow.send(response)
+        except StopIteration as stop:
+            result: T = stop.value
+            return result
+
+    async def _send(self, step: Send) -> httpx.Response:
+        body = step.call.body
+        content = _chunks(body.chunks()) if body is not None else None
+        return await self._http.send(self._http.build_request(content=content, **self.connection.request(step.call)))
+
+    async def open_session(
+        self,
+        level_id: str,
+        *,
+        method: str | None = None,
+        parameters: Mapping[str, Any] | None = None,
+        prior: Prior | None = None,
+        device_id: str | None = None,
+        map_id: str | None = None,
+    ) -> AsyncSession:
+        """Open a session: one trip of one device. Use it in an ``async with`` block, which closes it at the end."""
+        info = await self.create_session(
+            level_id, method=method, parameters=parameters, prior=prior, device_id=device_id, map_id=map_id
+        )
+        return AsyncSession(self, info)
+
+    async def resume_session(self, session_id: str) -> AsyncSession:
+        """Go on with an open session where it stands."""
+        return AsyncSession(self, await self.session_info(session_id))
+
+    create_venue = _call(endpoints.create_venue)
+    venue = _call(endpoints.venue)
+    venues = _list(endpoints.venues)
+    update_venue = _call(endpoints.update_venue)
+    delete_venue = _call(endpoints.delete_venue)
+    create_level = _call(endpoints.create_level)
+    level = _call(endpoints.level)
+    levels = _list(endpoints.levels)
+    set_plan_image = _call(endpoints.set_plan_image)
+    plan_image = _call(endpoints.plan_image)
+    set_vector_plan = _call(endpoints.set_vector_plan)
+    vector_plan = _call(endpoints.vector_plan)
+
+    create_device = _call(endpoints.create_device)
+    device = _call(endpoints.device)
+    devices = _list(endpoints.devices)
+
+    create_survey = _call(endpoints.create_survey)
+    survey = _call(endpoints.survey)
+    surveys = _list(endpoints.surveys)
+    add_walk = _call(endpoints.add_walk)
+    walk = _call(endpoints.walk)
+    walks = _list(endpoints.walks)
+    delete_walk = _call(endpoints.delete_walk)
+
+    request_map = _call(endpoints.request_map)
+    build_map = _flow(Flows.build_map)
+    map_info = _call(endpoints.map_info)
+    maps = _list(endpoints.maps)
+    map_field = _call(endpoints.map_field)
+    map_image = _call(endpoints.map_image)
+
+    create_session = _call(endpoints.create_session)
+    session_info = _call(endpoints.session_info)
+    sessions = _list(endpoints.sessions)
+    close_session = _call(endpoints.close_session)
+    send_segment = _call(endpoints.send_segment)
+    segment = _call(endpoints.segment)
+    wait_for_segment = _flow(Flows.wait_for_segment)
+    positions = _flow(Flows.positions)
+    positions_geojson = _call(endpoints.positions_geojson)
+    locate = _call(endpoints.locate)
+
+    job = _call(endpoints.job)
+    jobs = _list(endpoints.jobs)
+    cancel_job = _call(endpoints.cancel_job)
+    wait_for_job = _flow(Flows.wait_for_job)
+
+    methods = _list(endpoints.methods)
+    method = _call(endpoints.method)
+
+    create_key = _call(endpoints.create_key)
+    key = _call(endpoints.key)
+    keys = _list(endpoints.keys)
+    revoke_key = _call(endpoints.revoke_key)
+
+    stats = _call(endpoints.stats)
+    ready = _call(endpoints.ready)
+
+
+class AsyncSession:
+    """An open session. It numbers its segments itself; send one at a time.
+
+    Made by :meth:`AsyncClient.open_session` and :meth:`AsyncClient.resume_session`.
+    """
+
+    def __init__(self, client: AsyncClient, info: SessionInfo) -> None:
+        self.info = info
+        self._client = client
+        self._sequencer = Sequencer(client.flows, info)
+
+    async def __aenter__(self) -> Self:
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if error is None:  # after an error the session stays open, so that it can be resumed
+            await self.close()
+
+    @property
+    def id(self) -> str:
+        """Id of the session."""
+        return self.info.id
+
+    @property
+    def next_seq(self) -> int:
+        """Number that the next segment will carry."""
+        return self._sequencer.next_seq
+
+    async def send(
+        self,
+        samples: Samples,
+        *,
+        wifi: WifiScans | None = None,
+        wait: float | None = None,
+        encoding: Encoding | str = Encoding.MSGPACK,
+        gzip: bool = False,
+    ) -> SegmentResult:
+        """Send the next segment; see :meth:`isodyn_client.Session.send`."""
+        return await self._client.run(self._sequencer.send(samples, wifi=wifi, wait=wait, encoding=encoding, gzip=gzip))
+
+    async def send_all(
+        self,
+        samples: Samples,
+        *,
+        wifi: WifiScans | None = None,
+        segment_s: float = SEGMENT_S,
+        wait: float | None = None,
+    ) -> AsyncIterator[SegmentResult]:
+        """Cut samples into segments of ``segment_s`` seconds and send them one after the other."""
+        for piece, heard in self._sequencer.pieces(samples, wifi, segment_s):
+            yield await self.send(piece, wifi=heard, wait=wait)
+
+    async def wait_for(self, seq: int, *, timeout: float = 60.0) -> SegmentResult:
+        """Wait until segment ``seq`` is processed."""
+        return await self._client.wait_for_segment(self.id, seq, timeout=timeout)
+
+    async def positions(self, *, seq: int | None = None) -> Fixes:
+        """All fixes so far (or those of one segment) as arrays."""
+        return await self._client.positions(self.id, seq=seq)
+
+    async def close(self) -> SessionInfo:
+        """Close the session; closing twice does no harm."""
+        self.info = await self._client.close_session(self.id)
+        return self.info

@@ -1,0 +1,442 @@
+"""The calls of the API, each written down once for both clients."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, TypeVar
+
+import httpx
+import numpy as np
+from pydantic import BaseModel
+
+from isodyn_client.calls import (
+    Call,
+    Listing,
+    as_bytes,
+    as_model,
+    fresh_idempotency_key,
+    nothing,
+    prefer_wait,
+    present,
+)
+from isodyn_client.encoding import Encoding, json_body, raw_body, samples_body
+from isodyn_client.errors import UnexpectedAnswerError
+from isodyn_client.fixes import FieldRaster
+from isodyn_client.models import (
+    Anchor,
+    ApiKey,
+    Device,
+    Extent,
+    FeatureSet,
+    Job,
+    JobState,
+    Level,
+    MapInfo,
+    Method,
+    NewApiKey,
+    Page,
+    Prior,
+    Scope,
+    SessionInfo,
+    SessionStatus,
+    Stats,
+    Survey,
+    Venue,
+    VenueKind,
+    Walk,
+)
+from isodyn_client.results import LocateResult, PositionPage, SegmentResult
+from isodyn_client.samples import Samples, Waypoints, WifiScans
+
+T = TypeVar("T", bound=BaseModel)
+
+PAGE = 100
+"""Items a page when a list is walked through."""
+
+
+def _get(path: str, model: type[T]) -> Call[T]:
+    return Call("GET", path, as_model(model))
+
+
+def _list(path: str, model: type[T], **params: str | None) -> Listing[T]:
+    query = present({**params, "limit": PAGE})
+    return Listing(Call("GET", path, as_model(Page[model]), params=query))  # type: ignore[valid-type]
+
+
+def _create(path: str, model: type[T], /, **fields: Any) -> Call[T]:
+    return Call("POST", path, as_model(model), headers=fresh_idempotency_key(), body=json_body(present(fields)))
+
+
+# Venues and levels
+
+
+def create_venue(name: str, *, kind: VenueKind | str = VenueKind.INDOOR, anchor: Anchor | None = None) -> Call[Venue]:
+    """Create a venue: a place with one local frame. ``anchor`` takes the frame to WGS 84."""
+    return _create("/v1/venues", Venue, name=name, kind=str(kind), anchor=anchor and anchor.model_dump())
+
+
+def venue(venue_id: str) -> Call[Venue]:
+    """One venue."""
+    return _get(f"/v1/venues/{venue_id}", Venue)
+
+
+def venues() -> Listing[Venue]:
+    """All venues, newest first."""
+    return _list("/v1/venues", Venue)
+
+
+def update_venue(venue_id: str, *, name: str | None = None, anchor: Anchor | None = None) -> Call[Venue]:
+    """Change the name or the anchor of a venue; what is None stays."""
+    fields = present({"name": name, "anchor": anchor and anchor.model_dump()})
+    return Call("PATCH", f"/v1/venues/{venue_id}", as_model(Venue), body=json_body(fields))
+
+
+def delete_venue(venue_id: str) -> Call[None]:
+    """Delete a venue that has no levels."""
+    return Call("DELETE", f"/v1/venues/{venue_id}", nothing)
+
+
+def create_level(
+    venue_id: str, name: str, *, ordinal: int = 0, extent: Extent | tuple[float, float, float, float]
+) -> Call[Level]:
+    """Create a level; ``extent`` is ``(x_min, y_min, x_max, y_max)`` in metres, ``ordinal`` 0 the ground floor."""
+    if isinstance(extent, Extent):
+        corners = extent.model_dump()
+    else:
+        corners = dict(zip(("x_min", "y_min", "x_max", "y_max"), map(float, extent), strict=True))
+    return _create(f"/v1/venues/{venue_id}/levels", Level, name=name, ordinal=ordinal, extent=corners)
+
+
+def level(level_id: str) -> Call[Level]:
+    """One level."""
+    return _get(f"/v1/levels/{level_id}", Level)
+
+
+def levels(*, venue_id: str | None = None) -> Listing[Level]:
+    """All levels (of one venue), newest first."""
+    return _list("/v1/levels", Level, venue_id=venue_id)
+
+
+def set_plan_image(level_id: str, png: bytes) -> Call[None]:
+    """Store the plan image of a level (PNG; it is stretched over the level's extent)."""
+    return Call("PUT", f"/v1/levels/{level_id}/plan.png", nothing, body=raw_body(png, "image/png"))
+
+
+def plan_image(level_id: str) -> Call[bytes]:
+    """The plan image of a level, PNG."""
+    return Call("GET", f"/v1/levels/{level_id}/plan.png", as_bytes)
+
+
+def set_vector_plan(level_id: str, geojson: bytes) -> Call[None]:
+    """Store the vector plan of a level: a GeoJSON FeatureCollection in level metres."""
+    return Call("PUT", f"/v1/levels/{level_id}/plan.geojson", nothing, body=raw_body(geojson, "application/geo+json"))
+
+
+def vector_plan(level_id: str) -> Call[bytes]:
+    """The vector plan of a level, GeoJSON in level metres."""
+    return Call("GET", f"/v1/levels/{level_id}/plan.geojson", as_bytes)
+
+
+# Devices
+
+
+def create_device(name: str, *, model: str | None = None) -> Call[Device]:
+    """Register a physical sensor carrier."""
+    return _create("/v1/devices", Device, name=name, model=model)
+
+
+def device(device_id: str) -> Call[Device]:
+    """One device."""
+    return _get(f"/v1/devices/{device_id}", Device)
+
+
+def devices() -> Listing[Device]:
+    """All devices, newest first."""
+    return _list("/v1/devices", Device)
+
+
+# Surveys and maps
+
+
+def create_survey(level_id: str, name: str) -> Call[Survey]:
+    """Open a survey of a level, to upload walks into."""
+    return _create("/v1/surveys", Survey, level_id=level_id, name=name)
+
+
+def survey(survey_id: str) -> Call[Survey]:
+    """One survey."""
+    return _get(f"/v1/surveys/{survey_id}", Survey)
+
+
+def surveys(*, level_id: str | None = None) -> Listing[Survey]:
+    """All surveys (of one level), newest first."""
+    return _list("/v1/surveys", Survey, level_id=level_id)
+
+
+def add_walk(
+    survey_id: str,
+    name: str,
+    samples: Samples,
+    waypoints: Waypoints,
+    *,
+    wifi: WifiScans | None = None,
+    device_id: str | None = None,
+    encoding: Encoding | str = Encoding.MSGPACK,
+    gzip: bool = False,
+) -> Call[Walk]:
+    """Upload a survey walk. The same content again gives the walk that is there already.
+
+    The body is encoded while it is sent, so a long walk does not exist twice in memory.
+    """
+    fields = present({"name": name, "device_id": device_id})
+    body = samples_body(fields, samples, wifi=wifi, waypoints=waypoints, encoding=encoding, gzip=gzip)
+    return Call("POST", f"/v1/surveys/{survey_id}/walks", as_model(Walk), body=body)
+
+
+def walk(survey_id: str, walk_id: str) -> Call[Walk]:
+    """One survey walk, without its samples."""
+    return _get(f"/v1/surveys/{survey_id}/walks/{walk_id}", Walk)
+
+
+def walks(survey_id: str) -> Listing[Walk]:
+    """The walks of a survey, oldest first."""
+    return _list(f"/v1/surveys/{survey_id}/walks", Walk)
+
+
+def delete_walk(survey_id: str, walk_id: str) -> Call[None]:
+    """Delete a survey walk; maps built from it stay as they are."""
+    return Call("DELETE", f"/v1/surveys/{survey_id}/walks/{walk_id}", nothing)
+
+
+def request_map(
+    level_id: str,
+    *,
+    survey_ids: Sequence[str] | None = None,
+    features: FeatureSet | str | None = None,
+    cell_m: float | None = None,
+    mapped_m: float | None = None,
+) -> Call[Job]:
+    """Ask for a map of a level, from all its surveys or only some; returns the job that builds it.
+
+    Not repeatable: each request builds another version. ``build_map`` also waits for the job.
+    """
+    fields = present(
+        {
+            "level_id": level_id,
+            "survey_ids": list(survey_ids) if survey_ids is not None else None,
+            "features": str(features) if features is not None else None,
+            "cell_m": cell_m,
+            "mapped_m": mapped_m,
+        }
+    )
+    return Call("POST", "/v1/maps", as_model(Job), body=json_body(fields), repeatable=False)
+
+
+def map_info(map_id: str) -> Call[MapInfo]:
+    """A map version without its cells."""
+    return _get(f"/v1/maps/{map_id}", MapInfo)
+
+
+def maps(*, level_id: str | None = None) -> Listing[MapInfo]:
+    """All map versions (of one level), newest first."""
+    return _list("/v1/maps", MapInfo, level_id=level_id)
+
+
+def map_field(map_id: str, channel: str, *, statistic: str = "mean") -> Call[FieldRaster]:
+    """One channel of a map as a numpy array, uT (``support``: metres to the nearest survey sample).
+
+    Channels are those of the map's features: ``x y z`` (vector), ``h v`` (hv) or ``total``; ``statistic`` is
+    ``mean``, ``sd`` or ``support``.
+    """
+    params = {"channel": channel, "statistic": statistic, "format": "f32"}
+    return Call("GET", f"/v1/maps/{map_id}/field", _as_raster, params=params)
+
+
+def map_image(map_id: str, channel: str, *, statistic: str = "mean") -> Call[bytes]:
+    """One channel of a map as a PNG, north up, transparent where there is no map."""
+    params = {"channel": channel, "statistic": statistic, "format": "png"}
+    return Call("GET", f"/v1/maps/{map_id}/field", as_bytes, params=params)
+
+
+def _as_raster(response: httpx.Response) -> FieldRaster:
+    try:
+        rows, columns = (int(response.headers[f"X-Isodyn-{name}"]) for name in ("Rows", "Columns"))
+        x0, y0, cell_m = (float(response.headers[f"X-Isodyn-{name}"]) for name in ("X0", "Y0", "Cell-M"))
+        values = np.frombuffer(response.content, dtype="<f4").reshape(rows, columns)
+    except (KeyError, ValueError) as error:
+        raise UnexpectedAnswerError(f"{response.request.url} sent no field raster: {error}") from error
+    return FieldRaster(values.astype(np.float32), x0, y0, cell_m)
+
+
+# Sessions
+
+
+def create_session(
+    level_id: str,
+    *,
+    method: str | None = None,
+    parameters: Mapping[str, Any] | None = None,
+    prior: Prior | None = None,
+    device_id: str | None = None,
+    map_id: str | None = None,
+) -> Call[SessionInfo]:
+    """Open a session: one trip of one device. Without a method the service's default is used."""
+    return _create(
+        "/v1/sessions",
+        SessionInfo,
+        level_id=level_id,
+        method=method,
+        parameters=parameters,
+        prior=prior and prior.model_dump(exclude_none=True),
+        device_id=device_id,
+        map_id=map_id,
+    )
+
+
+def session_info(session_id: str) -> Call[SessionInfo]:
+    """One session as the service keeps it."""
+    return _get(f"/v1/sessions/{session_id}", SessionInfo)
+
+
+def sessions(
+    *, level_id: str | None = None, device_id: str | None = None, status: SessionStatus | str | None = None
+) -> Listing[SessionInfo]:
+    """All sessions (of one level, of one device, open or closed), newest first."""
+    status = str(status) if status is not None else None
+    return _list("/v1/sessions", SessionInfo, level_id=level_id, device_id=device_id, status=status)
+
+
+def close_session(session_id: str) -> Call[SessionInfo]:
+    """Close a session; closing twice does no harm."""
+    return Call("POST", f"/v1/sessions/{session_id}/close", as_model(SessionInfo))
+
+
+def send_segment(
+    session_id: str,
+    seq: int,
+    samples: Samples,
+    *,
+    wifi: WifiScans | None = None,
+    wait: float | None = None,
+    encoding: Encoding | str = Encoding.MSGPACK,
+    gzip: bool = False,
+) -> Call[SegmentResult]:
+    """Send segment ``seq`` (from 0, without gaps) and, with ``wait``, up to that many seconds for its fixes.
+
+    Sending the same samples under the same number again is safe: the first answer comes back.
+    """
+    body = samples_body({"seq": seq}, samples, wifi=wifi, encoding=encoding, gzip=gzip)
+    path = f"/v1/sessions/{session_id}/segments"
+    return Call("POST", path, as_model(SegmentResult), headers=prefer_wait(wait), body=body, wait_s=wait or 0.0)
+
+
+def segment(session_id: str, seq: int) -> Call[SegmentResult]:
+    """One segment: where it stands, and its fixes once it is processed."""
+    return _get(f"/v1/sessions/{session_id}/segments/{seq}", SegmentResult)
+
+
+def position_page(
+    session_id: str, *, seq: int | None = None, cursor: str | None = None, limit: int = 500
+) -> Call[PositionPage]:
+    """One page of the fixes of a session, oldest first."""
+    params = present({"seq": seq, "cursor": cursor, "limit": limit})
+    return Call("GET", f"/v1/sessions/{session_id}/positions", as_model(PositionPage), params=params)
+
+
+def positions_geojson(session_id: str, *, seq: int | None = None) -> Call[bytes]:
+    """The first 500 fixes as GeoJSON in WGS 84; the venue needs an anchor."""
+    return Call(
+        "GET",
+        f"/v1/sessions/{session_id}/positions",
+        as_bytes,
+        params=present({"seq": seq, "limit": 500}),
+        headers={"Accept": "application/geo+json"},
+    )
+
+
+def locate(
+    level_id: str,
+    samples: Samples,
+    *,
+    method: str | None = None,
+    parameters: Mapping[str, Any] | None = None,
+    prior: Prior | None = None,
+    map_id: str | None = None,
+    wifi: WifiScans | None = None,
+    encoding: Encoding | str = Encoding.MSGPACK,
+    gzip: bool = False,
+) -> Call[LocateResult]:
+    """Locate one stretch of samples, without a session; nothing is stored."""
+    fields = present(
+        {
+            "level_id": level_id,
+            "method": method,
+            "parameters": parameters,
+            "prior": prior and prior.model_dump(exclude_none=True),
+            "map_id": map_id,
+        }
+    )
+    body = samples_body(fields, samples, wifi=wifi, encoding=encoding, gzip=gzip)
+    return Call("POST", "/v1/locate", as_model(LocateResult), body=body, wait_s=30.0)
+
+
+# Jobs, methods, keys, service
+
+
+def job(job_id: str) -> Call[Job]:
+    """One job."""
+    return _get(f"/v1/jobs/{job_id}", Job)
+
+
+def jobs(*, kind: str | None = None, state: JobState | str | None = None) -> Listing[Job]:
+    """All jobs (of one kind, in one state), newest first."""
+    return _list("/v1/jobs", Job, kind=kind, state=str(state) if state is not None else None)
+
+
+def cancel_job(job_id: str) -> Call[Job]:
+    """Cancel a job that is not finished."""
+    return Call("POST", f"/v1/jobs/{job_id}/cancel", as_model(Job))
+
+
+def methods() -> Listing[Method]:
+    """The positioning methods of the service with their parameters."""
+    return Listing(Call("GET", "/v1/methods", as_model(Page[Method])))
+
+
+def method(name: str) -> Call[Method]:
+    """One positioning method."""
+    return _get(f"/v1/methods/{name}", Method)
+
+
+def create_key(name: str, scopes: Sequence[Scope | str]) -> Call[NewApiKey]:
+    """Create an API key; its secret is told this once.
+
+    Not repeatable: nobody keeps the secret, so a repetition could not be answered with it.
+    """
+    body = json_body({"name": name, "scopes": [str(scope) for scope in scopes]})
+    return Call("POST", "/v1/keys", as_model(NewApiKey), body=body, repeatable=False)
+
+
+def keys() -> Listing[ApiKey]:
+    """All API keys without their secrets, newest first."""
+    return _list("/v1/keys", ApiKey)
+
+
+def key(key_id: str) -> Call[ApiKey]:
+    """One API key without its secret."""
+    return _get(f"/v1/keys/{key_id}", ApiKey)
+
+
+def revoke_key(key_id: str) -> Call[None]:
+    """Revoke an API key, at once and for good."""
+    return Call("DELETE", f"/v1/keys/{key_id}", nothing)
+
+
+def stats() -> Call[Stats]:
+    """Counts for operators."""
+    return _get("/v1/stats", Stats)
+
+
+def ready() -> Call[None]:
+    """Whether the service is ready for work; raises when it is not."""
+    return Call("GET", "/readyz", nothing)

@@ -1,0 +1,324 @@
+"""What the service answers: frozen models. Fields the service adds later are ignored, not refused."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from datetime import datetime
+from enum import StrEnum
+from typing import Any, Generic, TypeVar
+
+from pydantic import BaseModel, ConfigDict
+
+T = TypeVar("T")
+
+
+class Model(BaseModel):
+    """Base of all answers."""
+
+    model_config = ConfigDict(frozen=True, extra="ignore")
+
+
+class VenueKind(StrEnum):
+    """What sort of place a venue is."""
+
+    INDOOR = "indoor"
+    ROUTE = "route"
+    AREA = "area"
+
+
+class FeatureSet(StrEnum):
+    """What of the field a map holds."""
+
+    VECTOR = "vector"
+    HV = "hv"
+    TOTAL = "total"
+
+
+class Status(StrEnum):
+    """What a fix claims; only ``ok`` claims a position."""
+
+    OK = "ok"
+    AMBIGUOUS = "ambiguous"
+    INSUFFICIENT = "insufficient"
+    OFF_MAP = "off_map"
+    DISTURBED = "disturbed"
+
+
+class JobState(StrEnum):
+    """Where a job stands; ``done``, ``failed`` and ``cancelled`` are final."""
+
+    QUEUED = "queued"
+    RUNNING = "running"
+    DONE = "done"
+    FAILED = "failed"
+    CANCELLED = "cancelled"
+
+    @property
+    def final(self) -> bool:
+        """Whether nothing more will happen."""
+        return self in {JobState.DONE, JobState.FAILED, JobState.CANCELLED}
+
+
+class SessionStatus(StrEnum):
+    """Whether a session takes segments."""
+
+    OPEN = "open"
+    CLOSED = "closed"
+
+
+class Scope(StrEnum):
+    """What a key may do; ``admin`` includes the others."""
+
+    LOCATE = "locate"
+    SURVEY = "survey"
+    ADMIN = "admin"
+
+
+class Page(Model, Generic[T]):
+    """One page of a list; ``next_cursor`` is None on the last."""
+
+    items: tuple[T, ...]
+    next_cursor: str | None = None
+
+
+class Anchor(Model):
+    """Takes the level frame to WGS 84: its origin, and the bearing of +y clockwise from north."""
+
+    latitude_deg: float
+    longitude_deg: float
+    bearing_deg: float = 0.0
+    height_m: float = 0.0
+
+
+class Extent(Model):
+    """A rectangle in the level frame, metres."""
+
+    x_min: float
+    y_min: float
+    x_max: float
+    y_max: float
+
+
+class Venue(Model):
+    """A place with one local frame."""
+
+    id: str
+    name: str
+    kind: VenueKind
+    anchor: Anchor | None = None
+    created_at: datetime
+    updated_at: datetime
+
+
+class Level(Model):
+    """One storey of a venue."""
+
+    id: str
+    venue_id: str
+    name: str
+    ordinal: int
+    extent: Extent
+    has_plan_image: bool = False
+    has_vector_plan: bool = False
+    current_map_id: str | None = None
+    created_at: datetime
+    updated_at: datetime
+
+
+class Device(Model):
+    """One physical sensor carrier."""
+
+    id: str
+    name: str
+    model: str | None = None
+    created_at: datetime
+
+
+class Survey(Model):
+    """Walks with known positions on one level."""
+
+    id: str
+    level_id: str
+    name: str
+    n_walks: int
+    created_at: datetime
+
+
+class Walk(Model):
+    """A stored survey walk, without its samples."""
+
+    id: str
+    survey_id: str
+    name: str
+    device_id: str | None = None
+    n_samples: int
+    n_waypoints: int
+    duration_s: float
+    length_m: float
+    content_hash: str
+    created_at: datetime
+
+
+class WalkReport(Model):
+    """What map building found out about one survey walk."""
+
+    walk_id: str
+    n_steps: int
+    length_m: float
+    offset: tuple[float, ...]
+    residual_rms: float
+    rejected: str | None = None
+
+
+class MapInfo(Model):
+    """A finished map version, without its cells."""
+
+    id: str
+    level_id: str
+    version: int
+    parent_id: str | None = None
+    hash: str
+    features: FeatureSet
+    x0: float
+    y0: float
+    cell_m: float
+    rows: int
+    columns: int
+    mapped_m: float
+    noise_sd: tuple[float, ...]
+    mapped_share: float
+    mapped_area_m2: float
+    n_walks: int
+    n_samples: int
+    length_scale_m: float
+    field_sd: tuple[float, ...]
+    walks: tuple[WalkReport, ...] = ()
+    build_s: float
+    created_at: datetime
+
+
+class Prior(Model):
+    """What is known before the first segment.
+
+    ``x`` and ``y`` together give a disc of ``radius_m``; without them the device may be anywhere on the level.
+    ``heading_deg`` is the direction of the device's y axis in the level frame, counter-clockwise from +x.
+    """
+
+    x: float | None = None
+    y: float | None = None
+    radius_m: float = 3.0
+    heading_deg: float | None = None
+    heading_sd_deg: float | None = None
+
+
+class SessionInfo(Model):
+    """A session as the service keeps it."""
+
+    id: str
+    venue_id: str
+    level_id: str
+    map_id: str
+    device_id: str | None = None
+    method: str
+    parameters: Mapping[str, Any] = {}
+    prior: Prior
+    status: SessionStatus
+    next_seq: int
+    created_at: datetime
+    closed_at: datetime | None = None
+
+
+class Ellipse(Model):
+    """Half axes and the direction of the major one, counter-clockwise from +x."""
+
+    semi_major_m: float
+    semi_minor_m: float
+    angle_deg: float
+
+
+class Position(Model):
+    """One fix as an object, with its 95 % ellipse."""
+
+    t_ms: float
+    level_id: str
+    x: float
+    y: float
+    cov_xx: float
+    cov_xy: float
+    cov_yy: float
+    heading_deg: float
+    status: Status
+    quality: float
+    sure: bool
+    walk_on_m: float | None = None
+    ellipse95: Ellipse
+
+
+class Job(Model):
+    """A durable unit of work. ``result`` names what came of it (``map_id`` of a build)."""
+
+    id: str
+    kind: str
+    state: JobState
+    subject: Mapping[str, str | int] = {}
+    attempts: int = 0
+    progress: float = 0.0
+    progress_text: str = ""
+    result: Mapping[str, str | int | float] = {}
+    error: str | None = None
+    created_at: datetime
+    started_at: datetime | None = None
+    finished_at: datetime | None = None
+
+
+class MethodParameter(Model):
+    """One parameter of a method."""
+
+    name: str
+    type: str
+    default: Any = None
+
+
+class Method(Model):
+    """A positioning method of the service."""
+
+    name: str
+    summary: str
+    reference: str = ""
+    kind: str
+    features: tuple[FeatureSet, ...] = ()
+    needs_heading: bool = False
+    needs_odometry: bool = False
+    parameters: tuple[MethodParameter, ...] = ()
+
+
+class ApiKey(Model):
+    """A key without its secret."""
+
+    id: str
+    name: str
+    scopes: frozenset[Scope]
+    created_at: datetime
+    last_used_at: datetime | None = None
+    revoked_at: datetime | None = None
+
+
+class NewApiKey(ApiKey):
+    """A key just created: the only time its secret is told."""
+
+    secret: str
+
+
+class Stats(Model):
+    """Counts for operators."""
+
+    venues: int
+    levels: int
+    surveys: int
+    walks: int
+    maps: int
+    sessions_open: int
+    sessions: int
+    segments: int
+    fixes: int
+    jobs_by_state: Mapping[JobState, int] = {}

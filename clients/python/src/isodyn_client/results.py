@@ -1,0 +1,49 @@
+"""Answers that hold fixes."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from pydantic import ConfigDict, PlainValidator
+
+from isodyn_client.fixes import FixColumns, Fixes
+from isodyn_client.models import JobState, Model, Position
+
+
+def _as_fixes(value: object) -> Fixes:
+    return value if isinstance(value, Fixes) else Fixes.from_columns(FixColumns.model_validate(value))
+
+
+FixArrays = Annotated[Fixes, PlainValidator(_as_fixes)]
+"""Fixes in columns on the wire, arrays here."""
+
+
+class _WithFixes(Model):
+    model_config = ConfigDict(arbitrary_types_allowed=True)
+
+
+class SegmentResult(_WithFixes):
+    """Where a segment stands; ``fixes`` and ``position`` (the last fix) are there once it is processed."""
+
+    session_id: str
+    seq: int
+    state: JobState
+    fixes: FixArrays | None = None
+    error: str | None = None
+    position: Position | None = None
+
+
+class LocateResult(_WithFixes):
+    """Answer to a one-shot location."""
+
+    fixes: FixArrays
+    position: Position | None = None
+    map_id: str | None = None
+    method: str | None = None
+
+
+class PositionPage(_WithFixes):
+    """One page of a session's fixes; ``next_cursor`` is None on the last."""
+
+    fixes: FixArrays
+    next_cursor: str | None = None

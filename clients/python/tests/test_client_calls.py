@@ -1,0 +1,295 @@
+"""Both clients: calls, answers, lists, sessions, jobs, maps."""
+
+from __future__ import annotations
+
+import asyncio
+import gzip
+import inspect
+import json
+from typing import Any
+
+import httpx
+import msgpack
+import numpy as np
+import pytest
+from conftest import FIXES, NOW, SESSION, VENUE, FakeService, job, make_samples, ok, problem, segment
+from isodyn_client import (
+    AsyncClient,
+    Client,
+    Encoding,
+    InvalidRequestError,
+    JobFailedError,
+    JobState,
+    Prior,
+    SegmentResult,
+    SequenceConflictError,
+    Session,
+    StillWaitingError,
+    UnexpectedAnswerError,
+    Waypoints,
+    WifiScans,
+)
+
+
+def public_methods(cls: type) -> set[str]:
+    return {name for name, value in vars(cls).items() if callable(value) and not name.startswith("_")}
+
+
+def test_both_clients_offer_the_same() -> None:
+    assert public_methods(Client) == public_methods(AsyncClient)
+    for name in public_methods(Client):
+        blocking, awaited = (inspect.signature(getattr(cls, name)) for cls in (Client, AsyncClient))
+        assert list(blocking.parameters) == list(awaited.parameters), name
+
+
+def test_methods_look_like_the_calls_they_are_made_of(client: Client) -> None:
+    assert list(inspect.signature(client.create_venue).parameters) == ["name", "kind", "anchor"]
+    assert next(iter(inspect.signature(client.build_map).parameters)) == "level_id"
+    assert "local frame" in (client.create_venue.__doc__ or "")
+
+
+def test_a_call_carries_the_key_and_gives_a_frozen_model(service: FakeService, client: Client) -> None:
+    service.will(ok(VENUE | {"field_of_the_future": 1}, 201))
+    venue = client.create_venue("Mall")
+    request = service.requests[0]
+    assert request.headers["Authorization"] == "Bearer isk_test"
+    assert request.headers["Idempotency-Key"]
+    assert json.loads(service.bodies[0]) == {"name": "Mall", "kind": "indoor"}
+    assert request.headers["Content-Length"] == str(len(service.bodies[0]))
+    assert (venue.id, venue.created_at.year) == ("ven_1", 2026)
+    with pytest.raises(ValueError, match="frozen"):
+        venue.name = "Other"  # type: ignore[misc]
+
+
+def test_each_creation_has_its_own_idempotency_key(service: FakeService, client: Client) -> None:
+    service.will(ok(VENUE), ok(VENUE))
+    client.create_venue("Mall")
+    client.create_venue("Mall")
+    first, second = (request.headers["Idempotency-Key"] for request in service.requests)
+    assert first != second
+
+
+def test_the_key_is_not_shown(client: Client) -> None:
+    assert "isk_test" not in repr(client) + repr(client.connection)
+
+
+def test_address_and_key_come_from_the_environment(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("ISODYN_URL", "http://elsewhere:9/")
+    monkeypatch.setenv("ISODYN_KEY", "isk_env")
+    with Client() as client:
+        assert (client.connection.url, client.connection.key) == ("http://elsewhere:9", "isk_env")
+    with Client("http://here", "isk_arg") as client:
+        assert (client.connection.url, client.connection.key) == ("http://here", "isk_arg")
+
+
+def test_lists_fetch_pages_when_needed(service: FakeService, client: Client) -> None:
+    service.will(
+        ok({"items": [VENUE, VENUE | {"id": "ven_2"}], "next_cursor": "ven_2"}),
+        ok({"items": [VENUE | {"id": "ven_3"}], "next_cursor": None}),
+    )
+    venues = client.venues()
+    assert service.requests == []
+    assert next(venues).id == "ven_1"
+    assert len(service.requests) == 1
+    assert [venue.id for venue in venues] == ["ven_2", "ven_3"]
+    assert service.requests[1].url.params["cursor"] == "ven_2"
+    assert service.requests[1].url.params["limit"] == service.requests[0].url.params["limit"]
+
+
+def test_async_lists_fetch_pages_too(service: FakeService) -> None:
+    async def run() -> list[str]:
+        async with service.async_client() as client:
+            return [venue.id async for venue in client.venues()]
+
+    service.will(ok({"items": [VENUE], "next_cursor": "c"}), ok({"items": [VENUE | {"id": "ven_2"}]}))
+    assert asyncio.run(run()) == ["ven_1", "ven_2"]
+
+
+def decoded(body: bytes) -> dict[str, Any]:
+    value: dict[str, Any] = msgpack.unpackb(body)
+    samples = value["samples"]
+    samples["t_ms"] = np.frombuffer(samples["t_ms"], "<f8")
+    for sensor in ("mag", "acc", "gyro"):
+        samples[sensor] = {axis: np.frombuffer(column, "<f4") for axis, column in samples[sensor].items()}
+    return value
+
+
+@pytest.mark.parametrize("n", [1, 100, 40_000])
+@pytest.mark.parametrize("compressed", [False, True])
+def test_walks_arrive_as_they_were(service: FakeService, client: Client, n: int, compressed: bool) -> None:
+    walk = {"id": "wlk_1", "survey_id": "srv_1", "name": "a", "n_samples": n, "n_waypoints": 2, "duration_s": 1.0}
+    service.will(ok(walk | {"length_m": 1.0, "content_hash": "00", "created_at": NOW}, 201))
+    samples = make_samples(n)
+    points = Waypoints(samples.t_ms[[0, -1]], [1.5, 2.5], [0.1, 0.2])
+    wifi = WifiScans([1.0], ["aa:bb"], [-60.0])
+    client.add_walk("srv_1", "a", samples, points, wifi=wifi, gzip=compressed)
+    headers, body = service.requests[0].headers, service.bodies[0]
+    if compressed:
+        assert headers["Content-Encoding"] == "gzip"
+        body = gzip.decompress(body)
+    else:
+        assert headers["Content-Length"] == str(len(body))
+    value = decoded(body)
+    assert value["frame"] == "android"
+    assert value["waypoints"] == {"t_ms": points.t_ms.tolist(), "x": [1.5, 2.5], "y": [0.1, 0.2]}
+    assert value["wifi"] == {"t_ms": [1.0], "bssid": ["aa:bb"], "rssi": [-60.0]}
+    np.testing.assert_array_equal(value["samples"]["t_ms"], samples.t_ms)
+    for sensor in ("mag", "acc", "gyro"):
+        for i, axis in enumerate("xyz"):
+            expected = getattr(samples, sensor)[:, i].astype(np.float32)
+            np.testing.assert_array_equal(value["samples"][sensor][axis], expected)
+
+
+def test_json_says_the_same(service: FakeService, client: Client) -> None:
+    service.will(ok(segment(0)))
+    samples = make_samples(3)
+    client.send_segment("ses_1", 0, samples, encoding=Encoding.JSON)
+    value = json.loads(service.bodies[0])
+    assert service.requests[0].headers["Content-Type"] == "application/json"
+    assert value["seq"] == 0
+    assert value["samples"]["acc"]["z"] == samples.acc[:, 2].tolist()
+    assert "wifi" not in value
+
+
+def test_fixes_come_out_as_arrays(service: FakeService, client: Client) -> None:
+    service.will(ok(segment(0)))
+    result = client.send_segment("ses_1", 0, make_samples(), wait=5)
+    assert service.requests[0].headers["Prefer"] == "wait=5"
+    assert isinstance(result, SegmentResult)
+    fixes = result.fixes
+    assert fixes is not None
+    assert len(fixes) == 2
+    np.testing.assert_array_equal(fixes.xy, [[1.0, 3.0], [2.0, 4.0]])
+    np.testing.assert_array_equal(fixes.covariance[1], [[1.0, 0.5], [0.5, 2.0]])
+    assert fixes.status == ("insufficient", "ok")
+    assert fixes.sure.tolist() == [False, True]
+    assert fixes.walk_on_m[0] == 12.5
+    assert np.isnan(fixes.walk_on_m[1])
+
+
+def test_the_clients_patience_grows_with_wait(service: FakeService, client: Client) -> None:
+    service.will(ok(segment(0)), ok(segment(0)))
+    client.send_segment("ses_1", 0, make_samples(5), wait=25)
+    client.segment("ses_1", 0)
+    patient, plain = (request.extensions["timeout"] for request in service.requests)
+    assert patient["read"] == plain["read"] + 25
+    assert patient["connect"] == plain["connect"]
+
+
+def test_a_session_numbers_its_segments_and_closes(service: FakeService, client: Client) -> None:
+    service.will(ok(SESSION, 201), *(ok(segment(seq), 202) for seq in range(3)), ok(SESSION | {"status": "closed"}))
+    with client.open_session("lev_1", prior=Prior(x=1.0, y=2.0)) as session:
+        results = list(session.send_all(make_samples(130), segment_s=1.0))
+    assert [result.seq for result in results] == [0, 1, 2]
+    sent = [decoded(body) for body in service.bodies[1:4]]
+    assert [value["seq"] for value in sent] == [0, 1, 2]
+    assert [len(value["samples"]["t_ms"]) for value in sent] == [50, 50, 30]
+    assert json.loads(service.bodies[0])["prior"] == {"x": 1.0, "y": 2.0, "radius_m": 3.0}
+    assert service.requests[-1].url.path == "/v1/sessions/ses_1/close"
+    assert session.info.status == "closed"
+
+
+def test_a_refused_segment_does_not_use_up_its_number(service: FakeService, client: Client) -> None:
+    service.will(ok(SESSION | {"next_seq": 7}), problem(422, "invalid"), ok(segment(7)))
+    session = client.resume_session("ses_1")
+    with pytest.raises(InvalidRequestError):
+        session.send(make_samples(5))
+    assert session.next_seq == 7
+    session.send(make_samples(6))
+    assert session.next_seq == 8
+
+
+def test_a_session_stays_open_after_an_error(service: FakeService, client: Client) -> None:
+    service.will(ok(SESSION, 201), problem(409, "sequence-conflict"))
+    with pytest.raises(SequenceConflictError), client.open_session("lev_1") as session:
+        session.send(make_samples(5))
+    assert len(service.requests) == 2  # no close
+    assert isinstance(session, Session)
+
+
+def test_async_sessions_do_the_same(service: FakeService) -> None:
+    async def run() -> list[int]:
+        async with service.async_client() as client, await client.open_session("lev_1") as session:
+            return [result.seq async for result in session.send_all(make_samples(100), segment_s=1.0, wait=1)]
+
+    service.will(ok(SESSION, 201), ok(segment(0)), ok(segment(1)), ok(SESSION))
+    assert asyncio.run(run()) == [0, 1]
+    assert service.requests[1].headers["Prefer"] == "wait=1"
+
+
+def test_wifi_goes_with_the_segment_in_which_it_was_heard(service: FakeService, client: Client) -> None:
+    samples = make_samples(100)
+    t0 = samples.t_ms[0]
+    wifi = WifiScans([t0 + 1500.0, t0 - 100.0, t0 + 980.0], ["late", "before", "first"], [-1.0, -2.0, -3.0])
+    service.will(ok(SESSION), ok(segment(0)), ok(segment(1)))
+    list(client.resume_session("ses_1").send_all(samples, wifi=wifi, segment_s=1.0))
+    heard = [decoded(body)["wifi"]["bssid"] for body in service.bodies[1:]]
+    assert heard == [["before", "first"], ["late"]]
+
+
+def test_positions_are_gathered_from_all_pages(service: FakeService, client: Client) -> None:
+    service.will(ok({"fixes": FIXES, "next_cursor": "2"}), ok({"fixes": FIXES, "next_cursor": None}))
+    fixes = client.positions("ses_1")
+    assert len(fixes) == 4
+    assert fixes.status == ("insufficient", "ok", "insufficient", "ok")
+    assert service.requests[1].url.params["cursor"] == "2"
+
+
+MAP = {
+    "id": "map_1", "level_id": "lev_1", "version": 3, "hash": "ab", "features": "vector", "x0": 0.0, "y0": 1.0,
+    "cell_m": 0.5, "rows": 2, "columns": 3, "mapped_m": 1.5, "noise_sd": [1, 1, 1], "mapped_share": 0.4,
+    "mapped_area_m2": 100.0, "n_walks": 5, "n_samples": 1000, "length_scale_m": 2.5, "field_sd": [5, 5, 5],
+    "walks": [], "build_s": 1.0, "created_at": NOW,
+}  # fmt: skip
+
+
+def test_building_a_map_waits_and_tells_how_far_it_is(service: FakeService, client: Client) -> None:
+    service.will(
+        ok(job("queued"), 202),
+        ok(job("running", 0.5)),
+        ok(job("done", 1.0, result={"map_id": "map_1"})),
+        ok(MAP),
+    )
+    seen: list[float] = []
+    info = client.build_map("lev_1", cell_m=0.5, progress=lambda job: seen.append(job.progress))
+    assert (info.version, seen) == (3, [0.5, 1.0])
+    assert json.loads(service.bodies[0]) == {"level_id": "lev_1", "cell_m": 0.5}
+    assert len(service.pauses) == 1
+
+
+def test_a_failed_job_is_an_error_with_the_job(service: FakeService, client: Client) -> None:
+    service.will(ok(job("failed", error="too few samples")))
+    with pytest.raises(JobFailedError, match="too few samples") as caught:
+        client.wait_for_job("job_1")
+    assert caught.value.job.state is JobState.FAILED
+
+
+def test_waiting_ends(service: FakeService, client: Client) -> None:
+    service.will(ok(job("running")))
+    with pytest.raises(StillWaitingError):
+        client.wait_for_job("job_1", timeout=0.0)
+
+
+def test_a_map_field_is_an_array(service: FakeService, client: Client) -> None:
+    values = np.array([[1, 2, np.nan], [4, 5, 6]], dtype="<f4")
+    headers = {"X-Isodyn-Rows": "2", "X-Isodyn-Columns": "3", "X-Isodyn-X0": "10", "X-Isodyn-Y0": "-1"}
+    service.will(httpx.Response(200, content=values.tobytes(), headers={**headers, "X-Isodyn-Cell-M": "0.5"}))
+    raster = client.map_field("map_1", "z", statistic="sd")
+    assert dict(service.requests[0].url.params) == {"channel": "z", "statistic": "sd", "format": "f32"}
+    np.testing.assert_array_equal(raster.values, values)
+    assert raster.extent == (10.0, -1.0, 11.0, -0.5)
+    assert raster.at(10.6, -0.6) == 5.0
+    assert np.isnan(raster.at(9.0, 0.0))
+
+
+def test_a_field_of_the_wrong_size_is_not_an_array(service: FakeService, client: Client) -> None:
+    headers = {"X-Isodyn-Rows": "2", "X-Isodyn-Columns": "3", "X-Isodyn-X0": "0", "X-Isodyn-Y0": "0"}
+    service.will(httpx.Response(200, content=b"123", headers={**headers, "X-Isodyn-Cell-M": "0.5"}))
+    with pytest.raises(UnexpectedAnswerError):
+        client.map_field("map_1", "z")
+
+
+def test_another_service_is_not_understood(service: FakeService, client: Client) -> None:
+    service.will(httpx.Response(200, text="<html>"))
+    with pytest.raises(UnexpectedAnswerError, match="does not answer like Isodyn"):
+        client.venue("ven_1")
