@@ -16,6 +16,8 @@ from numpy.typing import NDArray
 from app.engine.errors import InputError
 
 Float64Array = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+ComplexArray = NDArray[np.complex128]
 Float32Array = NDArray[np.float32]
 BoolArray = NDArray[np.bool_]
 Progress = Callable[[float, str], None]
@@ -140,7 +142,7 @@ class SurveyWalk:
     wifi: RadioScans | None = None
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False, weakref_slot=True)
 class GridMap:
     """Magnetic map of a level on a regular grid.
 

@@ -1,12 +1,16 @@
 """Motion from inertial samples: tilt, heading, steps, stride, dead reckoning."""
 
 from app.engine.inertial.attitude import Attitude, LevelledSamples, initial_attitude, level_samples
+from app.engine.inertial.pedestrian import PedestrianState, StepEvents, advance
 from app.engine.inertial.steps import Steps, detect_steps, find_steps
 
 __all__ = [
     "Attitude",
     "LevelledSamples",
+    "PedestrianState",
+    "StepEvents",
     "Steps",
+    "advance",
     "detect_steps",
     "find_steps",
     "initial_attitude",

@@ -65,9 +65,7 @@ def build_map(
     covariance = fit_covariance(samples)
     level = field_level(samples, covariance)
     x, y = _axes(samples.xy, settings)
-    mean, sd = krige_grid(
-        samples, level, covariance, x, y, progress=lambda f, what: say(0.45 + 0.5 * f, what)
-    )
+    mean, sd = krige_grid(samples, level, covariance, x, y, progress=lambda f, what: say(0.45 + 0.5 * f, what))
     grid = GridMap(
         level_id=level_id,
         features=settings.features,
@@ -112,9 +110,7 @@ def _place_all(walks: Sequence[SurveyWalk], say: Progress) -> tuple[list[PlacedS
     return placed, rejected
 
 
-def _field_samples(
-    placed: Sequence[PlacedSamples], offsets: WalkOffsets, features: FeatureSet
-) -> FieldSamples:
+def _field_samples(placed: Sequence[PlacedSamples], offsets: WalkOffsets, features: FeatureSet) -> FieldSamples:
     fields = [offsets.field(i, walk) for i, walk in enumerate(placed)]
     owner = np.concatenate([np.full(len(walk), i) for i, walk in enumerate(placed)])
     xy = np.concatenate([walk.xy for walk in placed])

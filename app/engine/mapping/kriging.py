@@ -123,9 +123,7 @@ def krige(
         b = min(a + _CHUNK, blocks)
         part = slice(a * block, b * block)
         first = np.arange(0, (b - a) * block + 1, block)
-        krige_blocks(
-            samples.xy, walk, z, nb[a:b], count[a:b], nodes[part], first, parameters, mean[part], var[part]
-        )
+        krige_blocks(samples.xy, walk, z, nb[a:b], count[a:b], nodes[part], first, parameters, mean[part], var[part])
         if progress is not None:
             progress(b / blocks, "kriging")
     return mean * level.sd + level.mean, np.sqrt(var)[:, None] * level.sd
@@ -158,9 +156,7 @@ def krige_grid(
         cc = (c[:, None, None] + 0 * inner[None, :, None] + inner).reshape(-1)
         step_x, step_y = _spacing(x), _spacing(y)
         nodes = np.stack([x[0] + cc * step_x, y[0] + rr * step_y], axis=1)
-        m, s = krige(
-            samples, level, covariance, nodes, neighbours=neighbours, block=BLOCK * BLOCK, progress=progress
-        )
+        m, s = krige(samples, level, covariance, nodes, neighbours=neighbours, block=BLOCK * BLOCK, progress=progress)
         inside = (rr < rows) & (cc < columns)
         mean[rr[inside], cc[inside]] = m[inside]
         sd[rr[inside], cc[inside]] = s[inside]

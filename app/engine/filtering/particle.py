@@ -1,0 +1,237 @@
+"""Particle filter on a magnetic map: wrappers about the fused kernel.
+
+Each particle carries position, heading, stride scale and carrying angle; the magnetometer's offset is not sampled but
+estimated per particle by a small Kalman filter (Rao-Blackwell; Schon, Gustafsson, Nordlund 2005,
+doi:10.1109/TSP.2005.849151). What a walk and a map disagree about is correlated over metres (position errors of the survey
+times gradient, height, passing metal); the residual is therefore modelled as a first-order Markov process along the
+path and whitened before it is weighted, so that a stretch of steps does not count as as many independent witnesses. The
+whitened residual is Student t, which bounds what one disturbed step can do.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from weakref import WeakKeyDictionary
+
+import numpy as np
+
+from app.engine.errors import MapError
+from app.engine.kernels import particle as kernel
+from app.engine.types import FeatureSet, Float32Array, Float64Array, GridMap
+
+_MODES = {FeatureSet.VECTOR: kernel.VECTOR, FeatureSet.HV: kernel.HV, FeatureSet.TOTAL: kernel.TOTAL}
+_DEGREES_OF_FREEDOM = {FeatureSet.VECTOR: 5.0, FeatureSet.HV: 6.0, FeatureSet.TOTAL: 7.0}
+_POOL = 1 << 19
+
+
+@dataclass(frozen=True, slots=True)
+class ParticleNoise:
+    """Noise of motion and field, fitted on survey walks (see docs/benchmarks.md).
+
+    Attributes
+    ----------
+    heading : float, rad per step
+    stride : float, share of a stride, per step
+    scale_walk : float, change of the stride scale per step
+    carry_walk : float, rad, change of the carrying angle per step
+    position : float, m per step
+    field : float
+        Standard deviation of the residual over the map's ``noise_sd``.
+    correlation_m : float
+        Length over which residuals stay alike.
+    offset_walk : float, uT per step
+    resample_below : float
+        Share of effective particles below which to resample.
+    """
+
+    heading: float = 0.02
+    stride: float = 0.12
+    scale_walk: float = 0.01
+    carry_walk: float = 0.005
+    position: float = 0.1
+    field: float = 1.0
+    correlation_m: float = 2.5
+    offset_walk: float = 0.05
+    resample_below: float = 0.5
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FilterGrid:
+    """A map as the kernel reads it: (rows, columns, 6) float32."""
+
+    features: FeatureSet
+    x0: float
+    y0: float
+    cell_m: float
+    nodes: Float32Array
+    noise_sd: tuple[float, float]
+    """Repeatability of the horizontal (or first) channels and of the vertical (or only) one, uT."""
+    level_mean: Float64Array
+    """Mean of the mapped nodes per kernel channel, uT."""
+
+    def lookup(self, x: Float64Array, y: Float64Array) -> Float32Array:
+        """Nearest node's values, shape (n, 6)."""
+        rows, columns = self.nodes.shape[:2]
+        c = np.clip(np.rint((x - self.x0) / self.cell_m).astype(np.int64), 0, columns - 1)
+        r = np.clip(np.rint((y - self.y0) / self.cell_m).astype(np.int64), 0, rows - 1)
+        return self.nodes[r, c]
+
+
+_prepared: WeakKeyDictionary[GridMap, dict[FeatureSet, FilterGrid]] = WeakKeyDictionary()
+
+
+def prepare_grid(grid_map: GridMap, features: FeatureSet) -> FilterGrid:
+    """Lay a map out for the kernel; remembered as long as the map lives.
+
+    A vector map also serves ``hv`` and ``total``, an ``hv`` map also serves ``total``.
+
+    Raises
+    ------
+    MapError
+        The map lacks what the feature set needs, or is smaller than two by two nodes.
+    """
+    known = _prepared.setdefault(grid_map, {})
+    if features not in known:
+        known[features] = _lay_out(grid_map, features)
+    return known[features]
+
+
+def _lay_out(grid_map: GridMap, features: FeatureSet) -> FilterGrid:
+    if min(grid_map.shape) < 2:
+        raise MapError("a map needs at least two by two nodes")
+    channels = [(m, s.astype(np.float64) ** 2) for m, s in zip(grid_map.mean, grid_map.sd, strict=True)]
+    noise = list(grid_map.noise_sd)
+    source = grid_map.features
+    nodes = np.zeros((*grid_map.shape, 6), dtype=np.float32)
+    if features is FeatureSet.VECTOR and source is FeatureSet.VECTOR:
+        nodes[..., 0], nodes[..., 1], nodes[..., 2] = (mean for mean, _ in channels)
+        nodes[..., 3] = 0.5 * (channels[0][1] + channels[1][1])
+        nodes[..., 4] = channels[2][1]
+        noises = (float(np.hypot(noise[0], noise[1]) / np.sqrt(2.0)), noise[2])
+    elif features is FeatureSet.HV and source in (FeatureSet.VECTOR, FeatureSet.HV):
+        vector = source is FeatureSet.VECTOR
+        nodes[..., 0] = np.hypot(channels[0][0], channels[1][0]) if vector else channels[0][0]
+        nodes[..., 2] = channels[-1][0]
+        nodes[..., 3] = 0.5 * (channels[0][1] + channels[1][1]) if vector else channels[0][1]
+        nodes[..., 4] = channels[-1][1]
+        noises = (noise[0], noise[-1])
+    elif features is FeatureSet.TOTAL:
+        nodes[..., 2] = np.sqrt(sum(mean.astype(np.float64) ** 2 for mean, _ in channels))
+        nodes[..., 4] = sum(var for _, var in channels) / len(channels)
+        noises = (noise[0], noise[-1])
+    else:
+        raise MapError(f"a map of {source.value} features does not serve {features.value}")
+    mapped = grid_map.mapped
+    nodes[..., 5] = mapped
+    mean = nodes[mapped][:, :3] if mapped.any() else nodes.reshape(-1, 6)[:, :3]
+    return FilterGrid(
+        features, grid_map.x0, grid_map.y0, grid_map.cell_m, nodes, noises, mean.mean(axis=0, dtype=np.float64)
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Estimate:
+    """Moments of the particles: position (m), covariance (m^2), direction of motion (rad), share on mapped nodes, and
+    effective share of particles."""
+
+    x: float
+    y: float
+    cov_xx: float
+    cov_xy: float
+    cov_yy: float
+    heading: float
+    mapped: float
+    effective: float
+
+
+@dataclass(slots=True)
+class Cloud:
+    """Particles: (15, n) float32, rows as in :mod:`app.engine.kernels.particle`; ``moved`` once a step was taken."""
+
+    p: Float32Array
+    moved: bool = False
+
+    @property
+    def n(self) -> int:
+        """Number of particles."""
+        return int(self.p.shape[1])
+
+    @classmethod
+    def empty(cls, n: int) -> Cloud:
+        """Particles at the origin with equal weights."""
+        p = np.zeros((kernel.ROWS, n), dtype=np.float32)
+        p[2] = 1.0
+        p[4] = 1.0
+        p[14] = 1.0 / n
+        return cls(p)
+
+    def thin(self, n: int, u: float) -> Cloud:
+        """Systematically resampled to ``n`` particles; ``u`` in [0, 1)."""
+        positions = (np.arange(n) + u) / n
+        index = np.searchsorted(np.cumsum(self.p[14], dtype=np.float64), positions)
+        p = np.ascontiguousarray(self.p[:, np.minimum(index, self.n - 1)])
+        p[14] = 1.0 / n
+        return Cloud(p, self.moved)
+
+
+@lru_cache(maxsize=1)
+def normal_pool() -> Float32Array:
+    """Standard normals that all filters of a process share, read from a random place at each step.
+
+    Drawing them anew would cost more than the rest of the step; half a million values repeat too seldom to matter.
+    """
+    return np.random.default_rng(20221122).standard_normal(_POOL, dtype=np.float32)
+
+
+def advance_cloud(
+    cloud: Cloud,
+    grid: FilterGrid,
+    noise: ParticleNoise,
+    *,
+    turn_mid: float,
+    turn: float,
+    stride: float,
+    z: Float64Array,
+    rng: np.random.Generator,
+) -> tuple[Cloud, Estimate]:
+    """One step of the walker.
+
+    Parameters
+    ----------
+    cloud : Cloud
+        Consumed: its arrays are overwritten.
+    turn_mid, turn : float, rad
+        Turn of the device since the last step, to the middle and to the end of this one.
+    stride : float, m
+    z : array, shape (3,), uT
+        Channels as the kernel wants them for the grid's features.
+
+    Returns
+    -------
+    The cloud after the step (resampled if need be) and the estimate before resampling.
+    """
+    parameters = np.array(
+        [
+            1.0 / grid.cell_m, noise.heading, noise.stride, noise.scale_walk, noise.carry_walk, noise.position,
+            (noise.field * grid.noise_sd[0]) ** 2, (noise.field * grid.noise_sd[1]) ** 2,
+            1.0 / noise.correlation_m, _DEGREES_OF_FREEDOM[grid.features], noise.resample_below,
+            noise.offset_walk**2,
+        ]
+    )  # fmt: skip
+    motion = np.array([turn_mid, turn, stride, grid.x0, grid.y0])
+    pool = normal_pool()
+    offset = int(rng.integers(_POOL - 4 * cloud.n))
+    scratch = np.empty_like(cloud.p)
+    moments = np.empty(10)
+    resampled = kernel.step(
+        cloud.p, scratch, grid.nodes, motion, z, parameters, _MODES[grid.features], not cloud.moved,
+        pool, offset, float(rng.random()), moments,
+    )  # fmt: skip
+    estimate = Estimate(
+        x=float(moments[1]), y=float(moments[2]),
+        cov_xx=float(moments[3]), cov_xy=float(moments[4]), cov_yy=float(moments[5]),
+        heading=float(np.arctan2(moments[7], moments[6])), mapped=float(moments[8]),
+        effective=float(1.0 / (moments[9] * cloud.n)),
+    )  # fmt: skip
+    return Cloud(scratch if resampled else cloud.p, moved=True), estimate

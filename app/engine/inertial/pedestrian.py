@@ -1,0 +1,95 @@
+"""Steps of a session, segment by segment: what a pedestrian's samples say about motion and field."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from app.engine.inertial.attitude import Attitude, LevelledSamples, level_samples
+from app.engine.inertial.steps import MEMORY_S, SETTLE_S, find_steps
+from app.engine.types import Float64Array, ImuSamples
+
+FIELD_WINDOW_S = 0.16
+_PAUSE_S = 0.8
+_KEEP_S = MEMORY_S + SETTLE_S + _PAUSE_S
+
+
+@dataclass(frozen=True, slots=True)
+class StepEvents:
+    """Steps, oldest first.
+
+    Attributes
+    ----------
+    t : array, shape (k,), s
+    swing : array, shape (k,), m/s^2
+        Vertical swing (see :class:`app.engine.inertial.Steps`).
+    motion_heading : array, shape (k,), rad
+        Mean heading of the device during the step, free azimuth.
+    heading : array, shape (k,), rad
+        Heading of the device at ``t``.
+    mag : array, shape (k, 3), uT
+        Field at ``t``: forward, left, up.
+    """
+
+    t: Float64Array
+    swing: Float64Array
+    motion_heading: Float64Array
+    heading: Float64Array
+    mag: Float64Array
+
+    def __len__(self) -> int:
+        return int(self.t.shape[0])
+
+
+@dataclass(frozen=True, slots=True)
+class PedestrianState:
+    """What the next segment needs of the ones before: attitude, the last step, the last two seconds."""
+
+    attitude: Attitude
+    last_step_t: float
+    tail: LevelledSamples
+
+
+def advance(state: PedestrianState | None, samples: ImuSamples) -> tuple[PedestrianState, StepEvents]:
+    """Steps that the new samples confirm.
+
+    A step is confirmed ``SETTLE_S`` after its peak, so the last one of a segment comes with the next segment; how a
+    recording is cut does not change its steps.
+    """
+    levelled, attitude = level_samples(samples, state.attitude if state else None)
+    if state is not None and samples.t[0] - state.attitude.t < 1.0:
+        levelled = _join(state.tail, levelled)
+    last = state.last_step_t if state else -np.inf
+    steps = find_steps(levelled.t, levelled.vertical, after=last)
+    begin = np.maximum(np.concatenate(([last], steps.t[:-1])), steps.t - _PAUSE_S)[: len(steps)]
+    events = StepEvents(
+        t=steps.t,
+        swing=steps.swing,
+        motion_heading=_means(levelled, levelled.heading[:, None], begin, steps.t)[:, 0],
+        heading=np.interp(steps.t, levelled.t, levelled.heading),
+        mag=_means(levelled, levelled.mag, steps.t - FIELD_WINDOW_S, steps.t + FIELD_WINDOW_S),
+    )
+    if len(steps):
+        last = float(steps.t[-1])
+    keep = levelled.t >= levelled.t[-1] - _KEEP_S
+    tail = LevelledSamples(levelled.t[keep], levelled.mag[keep], levelled.heading[keep], levelled.vertical[keep])
+    return PedestrianState(replace(attitude), last, tail), events
+
+
+def _join(a: LevelledSamples, b: LevelledSamples) -> LevelledSamples:
+    return LevelledSamples(
+        np.concatenate([a.t, b.t]),
+        np.concatenate([a.mag, b.mag]),
+        np.concatenate([a.heading, b.heading]),
+        np.concatenate([a.vertical, b.vertical]),
+    )
+
+
+def _means(levelled: LevelledSamples, values: Float64Array, begin: Float64Array, end: Float64Array) -> Float64Array:
+    """Mean of ``values`` (n, c) over each ``begin .. end``."""
+    total = np.concatenate([np.zeros((1, values.shape[1])), np.cumsum(values, axis=0)])
+    lo = np.minimum(np.searchsorted(levelled.t, begin - 1e-9), len(levelled) - 1)
+    hi = np.maximum(np.searchsorted(levelled.t, end + 1e-9, side="right"), lo + 1)
+    means: Float64Array = (total[hi] - total[lo]) / (hi - lo)[:, None]
+    return means

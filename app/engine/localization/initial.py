@@ -1,0 +1,93 @@
+"""First particles of a session, from what is known before it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from app.engine.filtering import Cloud, FilterGrid
+from app.engine.inertial.stride import SPREAD
+from app.engine.types import FeatureSet, Float64Array, Prior
+
+
+@dataclass(frozen=True, slots=True)
+class InitialSpread:
+    """Spread of what is unknown at the start.
+
+    Attributes
+    ----------
+    carry : float, rad
+    offset_horizontal, offset_vertical : float, uT
+        Hard iron left by the platform's calibration.
+    compass : float, rad
+        Error of the heading read off the horizontal field.
+    compass_failure : float
+        Share of particles that ignore the compass.
+    """
+
+    carry: float = 0.15
+    offset_horizontal: float = 4.0
+    offset_vertical: float = 5.0
+    compass: float = 0.35
+    compass_failure: float = 0.1
+
+
+def initial_cloud(
+    prior: Prior, grid: FilterGrid, field: Float64Array, n: int, spread: InitialSpread, rng: np.random.Generator
+) -> Cloud:
+    """Particles before the first step.
+
+    Parameters
+    ----------
+    prior : Prior
+    field : array, shape (3,), uT
+        First field reading (forward, left, up); its horizontal part is a compass against the map's.
+    n : int
+        Number of particles.
+    """
+    cloud = Cloud.empty(n)
+    x, y = _positions(prior, grid, n, rng)
+    heading = _headings(prior, grid, field, x, y, spread, rng)
+    p = cloud.p
+    p[0], p[1] = x, y
+    p[2], p[3] = np.cos(heading), np.sin(heading)
+    p[4] = 1.0 + SPREAD * rng.standard_normal(n).clip(-2.5, 2.5)
+    p[5] = spread.carry * rng.standard_normal(n)
+    p[12] = spread.offset_horizontal**2
+    p[13] = spread.offset_vertical**2
+    return cloud
+
+
+def _positions(prior: Prior, grid: FilterGrid, n: int, rng: np.random.Generator) -> tuple[Float64Array, Float64Array]:
+    if prior.x is not None and prior.y is not None:
+        r = prior.radius_m * np.sqrt(rng.random(n))
+        angle = 2.0 * np.pi * rng.random(n)
+        return prior.x + r * np.cos(angle), prior.y + r * np.sin(angle)
+    rows, columns = np.nonzero(grid.nodes[..., 5] > 0.5)
+    if rows.shape[0] == 0:
+        rows, columns = (a.ravel() for a in np.indices(grid.nodes.shape[:2]))
+    pick = rng.integers(rows.shape[0], size=n)
+    jitter = rng.uniform(-0.5, 0.5, size=(2, n))
+    return grid.x0 + (columns[pick] + jitter[0]) * grid.cell_m, grid.y0 + (rows[pick] + jitter[1]) * grid.cell_m
+
+
+def _headings(
+    prior: Prior,
+    grid: FilterGrid,
+    field: Float64Array,
+    x: Float64Array,
+    y: Float64Array,
+    spread: InitialSpread,
+    rng: np.random.Generator,
+) -> Float64Array:
+    n = x.shape[0]
+    if prior.heading is not None:
+        return prior.heading + prior.heading_sd * rng.standard_normal(n)
+    anywhere = rng.uniform(-np.pi, np.pi, n)
+    if grid.features is not FeatureSet.VECTOR:
+        return anywhere
+    nodes = grid.lookup(x, y)
+    compass = np.arctan2(nodes[:, 1], nodes[:, 0]) - np.arctan2(field[1], field[0])
+    compass = compass + spread.compass * rng.standard_normal(n)
+    return np.where(rng.random(n) < spread.compass_failure, anywhere, compass)

@@ -1,0 +1,116 @@
+"""All methods, by name. One table feeds the API, the command line, the contract tests and the documents."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, fields
+from enum import StrEnum
+from types import MappingProxyType
+from typing import Any, Literal
+
+from app.engine.errors import InputError
+from app.engine.localization.dead_reckoning import DeadReckoningParameters, DeadReckoningTracker
+from app.engine.localization.particle import ParticleParameters, ParticleTracker
+from app.engine.types import FeatureSet, Tracker
+
+DEFAULT_METHOD = "particle"
+
+
+@dataclass(frozen=True, slots=True)
+class Bound:
+    """Range of a numeric parameter, both ends included."""
+
+    low: float
+    high: float
+
+
+@dataclass(frozen=True, slots=True)
+class Method:
+    """A method and what it can do.
+
+    ``parameters`` is a frozen dataclass with defaults; ``bounds`` holds the range of each numeric one.
+    """
+
+    name: str
+    summary: str
+    reference: str
+    kind: Literal["tracker", "matcher"]
+    features: tuple[FeatureSet, ...]
+    needs_heading: bool
+    needs_odometry: bool
+    dimensions: int
+    parameters: type
+    bounds: Mapping[str, Bound]
+    create: Callable[[Any], Tracker]
+
+
+_METHODS = (
+    Method(
+        name="particle",
+        summary=(
+            "Particle filter over steps with marginalized magnetometer offset, whitened residuals and the map's own "
+            "standard deviation."
+        ),
+        reference="Xie et al. 2014, doi:10.1145/2632048.2632057; Schon et al. 2005, doi:10.1109/TSP.2005.849151",
+        kind="tracker",
+        features=(FeatureSet.VECTOR, FeatureSet.HV, FeatureSet.TOTAL),
+        needs_heading=False,
+        needs_odometry=False,
+        dimensions=2,
+        parameters=ParticleParameters,
+        bounds=MappingProxyType({"particles": Bound(100, 20_000), "cold_particles": Bound(100, 50_000)}),
+        create=ParticleTracker,
+    ),
+    Method(
+        name="dead_reckoning",
+        summary="Steps and gyroscope alone: the baseline, without the map.",
+        reference="Weinberg, Analog Devices application note AN-602, 2002",
+        kind="tracker",
+        features=(FeatureSet.VECTOR, FeatureSet.HV, FeatureSet.TOTAL),
+        needs_heading=False,
+        needs_odometry=False,
+        dimensions=2,
+        parameters=DeadReckoningParameters,
+        bounds=MappingProxyType({"stride_constant": Bound(0.2, 0.8)}),
+        create=DeadReckoningTracker,
+    ),
+)
+METHODS: Mapping[str, Method] = MappingProxyType({method.name: method for method in _METHODS})
+
+
+def create_tracker(name: str, parameters: Mapping[str, object] | None = None) -> Tracker:
+    """Tracker of a method with these parameters; the rest keep their defaults.
+
+    Raises
+    ------
+    InputError
+        Unknown method (field ``method``), unknown parameter, wrong type or out of range (field
+        ``parameters.<name>``).
+    """
+    method = METHODS.get(name)
+    if method is None:
+        raise InputError("method", f"{name!r} is unknown; one of {', '.join(METHODS)}")
+    known = {f.name: f.default for f in fields(method.parameters)}
+    values = {}
+    for key, value in (parameters or {}).items():
+        if key not in known:
+            raise InputError(f"parameters.{key}", f"unknown; {name} has {', '.join(known)}")
+        values[key] = _coerce(key, value, known[key], method.bounds.get(key))
+    return method.create(method.parameters(**values))
+
+
+def _coerce(key: str, value: object, default: object, bound: Bound | None) -> object:
+    """``value`` in the type of ``default``."""
+    field = f"parameters.{key}"
+    if isinstance(default, StrEnum):
+        choices = [str(member) for member in type(default)]
+        if value not in choices:
+            raise InputError(field, f"must be one of {', '.join(choices)}")
+        return type(default)(value)
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise InputError(field, "must be a number")
+    if isinstance(default, int) and value != int(value):
+        raise InputError(field, "must be a whole number")
+    if bound is not None and not bound.low <= value <= bound.high:
+        raise InputError(field, f"must lie between {bound.low:g} and {bound.high:g}")
+    return int(value) if isinstance(default, int) else float(value)

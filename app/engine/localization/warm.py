@@ -1,0 +1,44 @@
+"""Compile or load every kernel before the first request needs it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from app.engine.localization.registry import METHODS, create_tracker
+from app.engine.types import FeatureSet, GridMap, ImuSamples, Prior, Segment
+
+
+class _OneMap:
+    """A map source of one map."""
+
+    def __init__(self, grid_map: GridMap) -> None:
+        self._map = grid_map
+
+    def level_ids(self) -> tuple[str, ...]:
+        return (self._map.level_id,)
+
+    def grid_map(self, level_id: str) -> GridMap:  # noqa: ARG002 - one map serves all
+        return self._map
+
+
+def warm_up() -> None:
+    """Run every method once on a few steps over a flat map. Idempotent; some seconds without a kernel cache."""
+    source = _OneMap(_flat_map())
+    segment = Segment(_walk(3.0))
+    for name in METHODS:
+        tracker = create_tracker(name)
+        tracker.step(tracker.start(Prior("warm", 5.0, 5.0), seed=0), segment, source)
+
+
+def _flat_map() -> GridMap:
+    ones = np.ones((20, 20), dtype=np.float32)
+    mean = np.stack([0 * ones, 30 * ones, -30 * ones])
+    return GridMap("warm", FeatureSet.VECTOR, 0.0, 0.0, 0.5, mean, np.stack([ones] * 3), 0 * ones, 1.0, (3.0,) * 3)
+
+
+def _walk(duration: float) -> ImuSamples:
+    t = np.arange(0.0, duration, 0.02)
+    zeros = np.zeros_like(t)
+    acc = np.stack([zeros, zeros, 9.81 + 2.5 * np.sin(2.0 * np.pi * 1.8 * t)], axis=1)
+    mag = np.tile([0.0, 30.0, -30.0], (t.shape[0], 1))
+    return ImuSamples(t, mag, acc, np.zeros((t.shape[0], 3)))
