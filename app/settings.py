@@ -50,12 +50,13 @@ class Settings(BaseSettings):
     host: str = Field(default="127.0.0.1", description="Address to listen on; 0.0.0.0 for all interfaces.")
     port: int = Field(default=8080, ge=0, le=65535, description="TCP port; 0 takes a free one.")
     database_durability: Durability = Field(
-        default=Durability.NORMAL, description="Whether an acknowledged write survives a power cut (full) or not (normal)."
+        default=Durability.NORMAL, description="What acknowledged writes survive: a killed process, or a power cut too."
     )
 
     pool: PoolKind = Field(default=PoolKind.PROCESSES, description="Where tasks run: inline, threads or processes.")
     workers: int = Field(default_factory=_default_workers, ge=1, le=256, description="Workers that locate segments.")
     maps_per_worker: int = Field(default=16, ge=1, description="Maps a worker keeps open.")
+    map_cache_bytes: int = Field(default=2**30, ge=2**20, description="Disk space for unpacked maps in the data folder.")
     segment_time_limit_s: float = Field(
         default=60.0, gt=0, description="A worker process that takes longer over a segment is replaced."
     )
@@ -66,7 +67,7 @@ class Settings(BaseSettings):
         default=120.0, gt=0, description="How long the first start may take (kernels are compiled once)."
     )
     shutdown_grace_s: float = Field(
-        default=10.0, ge=0, description="How long a stop waits for running tasks; the rest is done after the next start."
+        default=10.0, ge=0, description="How long a stop waits for running tasks; others run after the next start."
     )
 
     max_body_bytes: int = Field(default=8 * 2**20, ge=1024, description="Largest request body, inflated.")
@@ -78,3 +79,18 @@ class Settings(BaseSettings):
 
     log_level: LogLevel = Field(default=LogLevel.INFO, description="Least severe message that is written.")
     log_json: bool = Field(default=False, description="One JSON object a line instead of text.")
+
+    @property
+    def database_path(self) -> Path:
+        """The SQLite file."""
+        return self.data_dir / "isodyn.db"
+
+    @property
+    def map_cache_dir(self) -> Path:
+        """Unpacked maps, filled from the database."""
+        return self.data_dir / "maps"
+
+    @property
+    def kernel_cache_dir(self) -> Path:
+        """Compiled kernels."""
+        return self.data_dir / "kernels"

@@ -141,7 +141,9 @@ WORK_SECONDS = Metric(
 )
 FIXES = Metric("isodyn_fixes_total", MetricKind.COUNTER, ("status",), "Fixes computed for sessions.")
 WORKERS = Metric("isodyn_workers", MetricKind.GAUGE, (), "Workers that are ready for segments.")
-WORKERS_LOST = Metric("isodyn_workers_lost_total", MetricKind.COUNTER, (), "Worker processes that died and were replaced.")
+WORKERS_LOST = Metric(
+    "isodyn_workers_lost_total", MetricKind.COUNTER, (), "Worker processes that died and were replaced."
+)
 RUNNER_ERRORS = Metric(
     "isodyn_runner_errors_total", MetricKind.COUNTER, (), "Unexpected errors met by the job runner (each is logged)."
 )

@@ -10,6 +10,7 @@ import time
 from collections import OrderedDict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from threading import Lock
 
 from app.engine.errors import MapError
@@ -18,7 +19,7 @@ from app.engine.mapping import build_map
 from app.engine.types import GridMap, Progress
 from app.services.tasks import BuildResult, BuildSpec, LocateResult, LocateSpec, MapRef
 
-MapOpener = Callable[[MapRef], GridMap]
+MapOpener = Callable[[Path], GridMap]
 
 
 class OpenMaps:
@@ -36,7 +37,7 @@ class OpenMaps:
         with self._lock:
             grid_map = self._maps.get(ref.hash)
             if grid_map is None:
-                grid_map = self._maps[ref.hash] = open_map(ref)
+                grid_map = self._maps[ref.hash] = open_map(ref.path)
             self._maps.move_to_end(ref.hash)
             while len(self._maps) > keep:
                 self._maps.popitem(last=False)

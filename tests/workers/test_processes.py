@@ -146,19 +146,21 @@ def test_workers_ignore_the_signals_of_the_group(make_processes: MakeProcesses) 
 
 def test_no_worker_outlives_a_killed_service(tmp_path: Path) -> None:
     """One worker is idle, one busy in a loop that looks at nothing: both must notice."""
-    service = subprocess.Popen(
-        [sys.executable, "-m", "tests.workers.orphans", str(tmp_path / "pid")],
-        cwd=ROOT,
-        stdout=subprocess.PIPE,
-        text=True,
-    )
-    assert service.stdout is not None
-    with service.stdout:
-        line = next(line for line in service.stdout if line.startswith("workers "))
-    pids = [int(word) for word in line.split()[1:]]
-    descendants = psutil.Process(service.pid).children(recursive=True)
-    assert len(pids) == 2
-    assert {process.pid for process in descendants} >= set(pids)
-    service.kill()
-    service.wait(10)
-    eventually(lambda: all(gone(process.pid) for process in descendants))
+    command = [sys.executable, "-m", "tests.workers.orphans", str(tmp_path / "pid")]
+    family: list[psutil.Process] = []
+    with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True) as service:
+        try:
+            assert service.stdout is not None
+            line = next(line for line in service.stdout if line.startswith("workers "))
+            family = psutil.Process(service.pid).children(recursive=True)
+        finally:
+            service.kill()
+    workers = {int(word) for word in line.split()[1:]}
+    try:
+        assert len(workers) == 2
+        assert {process.pid for process in family} > workers
+        eventually(lambda: all(gone(process.pid) for process in family))
+    finally:
+        for process in family:
+            if process.is_running():
+                process.kill()
