@@ -289,6 +289,16 @@ def test_a_field_of_the_wrong_size_is_not_an_array(service: FakeService, client:
         client.map_field("map_1", "z")
 
 
+def test_coverage_is_a_mask(service: FakeService, client: Client) -> None:
+    place = {"rows": 2, "columns": 4, "x0": 0.0, "y0": 0.0, "cell_m": 0.5, "mapped_m": 1.5}
+    shares = {"mapped_share": 0.5, "mapped_area_m2": 1.0}
+    service.will(ok(place | shares | {"runs": [1, 3, 3, 1]}), ok(place | shares | {"runs": [1, 3]}))
+    coverage = client.map_coverage("map_1")
+    assert coverage.mapped.tolist() == [[False, True, True, True], [False, False, False, True]]
+    with pytest.raises(UnexpectedAnswerError):
+        client.map_coverage("map_1")
+
+
 def test_another_service_is_not_understood(service: FakeService, client: Client) -> None:
     service.will(httpx.Response(200, text="<html>"))
     with pytest.raises(UnexpectedAnswerError, match="does not answer like Isodyn"):

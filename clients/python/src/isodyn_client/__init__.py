@@ -37,7 +37,7 @@ from isodyn_client.errors import (
     UnauthorizedError,
     UnexpectedAnswerError,
 )
-from isodyn_client.fixes import FieldRaster, Fixes
+from isodyn_client.fixes import Coverage, FieldRaster, Fixes
 from isodyn_client.models import (
     Anchor,
     ApiKey,
@@ -64,7 +64,7 @@ from isodyn_client.models import (
     Walk,
     WalkReport,
 )
-from isodyn_client.results import LocateResult, PositionPage, SegmentResult
+from isodyn_client.results import LocateResult, PositionPage, SegmentInfo, SegmentResult
 from isodyn_client.retry import RetryPolicy
 from isodyn_client.samples import Samples, Waypoints, WifiScans
 
@@ -76,6 +76,7 @@ __all__ = [
     "Client",
     "ConflictError",
     "ConnectionFailedError",
+    "Coverage",
     "Device",
     "Ellipse",
     "Encoding",
@@ -108,6 +109,7 @@ __all__ = [
     "RetryPolicy",
     "Samples",
     "Scope",
+    "SegmentInfo",
     "SegmentResult",
     "SequenceConflictError",
     "SequenceGapError",

@@ -188,6 +188,7 @@ class AsyncClient:
     maps = _list(endpoints.maps)
     map_field = _call(endpoints.map_field)
     map_image = _call(endpoints.map_image)
+    map_coverage = _call(endpoints.map_coverage)
 
     create_session = _call(endpoints.create_session)
     session_info = _call(endpoints.session_info)
@@ -195,6 +196,7 @@ class AsyncClient:
     close_session = _call(endpoints.close_session)
     send_segment = _call(endpoints.send_segment)
     segment = _call(endpoints.segment)
+    segments = _list(endpoints.segments)
     wait_for_segment = _flow(Flows.wait_for_segment)
     positions = _flow(Flows.positions)
     positions_geojson = _call(endpoints.positions_geojson)

@@ -21,7 +21,7 @@ from isodyn_client.calls import (
 )
 from isodyn_client.encoding import Encoding, json_body, raw_body, samples_body
 from isodyn_client.errors import UnexpectedAnswerError
-from isodyn_client.fixes import FieldRaster
+from isodyn_client.fixes import Coverage, CoverageRuns, FieldRaster
 from isodyn_client.models import (
     Anchor,
     ApiKey,
@@ -45,7 +45,7 @@ from isodyn_client.models import (
     VenueKind,
     Walk,
 )
-from isodyn_client.results import LocateResult, PositionPage, SegmentResult
+from isodyn_client.results import LocateResult, PositionPage, SegmentInfo, SegmentResult
 from isodyn_client.samples import Samples, Waypoints, WifiScans
 
 T = TypeVar("T", bound=BaseModel)
@@ -258,6 +258,19 @@ def map_image(map_id: str, channel: str, *, statistic: str = "mean") -> Call[byt
     return Call("GET", f"/v1/maps/{map_id}/field", as_bytes, params=params)
 
 
+def map_coverage(map_id: str) -> Call[Coverage]:
+    """Where a map holds, as a mask with its share and area."""
+    return Call("GET", f"/v1/maps/{map_id}/coverage", _as_coverage)
+
+
+def _as_coverage(response: httpx.Response) -> Coverage:
+    runs = as_model(CoverageRuns)(response)
+    try:
+        return Coverage.from_runs(runs)
+    except ValueError as error:
+        raise UnexpectedAnswerError(f"{response.request.url} sent no coverage: {error}") from error
+
+
 def _as_raster(response: httpx.Response) -> FieldRaster:
     try:
         rows, columns = (int(response.headers[f"X-Isodyn-{name}"]) for name in ("Rows", "Columns"))
@@ -333,6 +346,11 @@ def send_segment(
 def segment(session_id: str, seq: int) -> Call[SegmentResult]:
     """One segment: where it stands, and its fixes once it is processed."""
     return _get(f"/v1/sessions/{session_id}/segments/{seq}", SegmentResult)
+
+
+def segments(session_id: str) -> Listing[SegmentInfo]:
+    """The segments of a session, oldest first, without their fixes."""
+    return _list(f"/v1/sessions/{session_id}/segments", SegmentInfo)
 
 
 def position_page(

@@ -156,3 +156,36 @@ class FieldRaster:
         if not (0 <= row < rows and 0 <= column < columns):
             return math.nan
         return float(self.values[row, column])
+
+
+class CoverageRuns(Model):
+    """Coverage as the service sends it: lengths of alternating runs, row by row, unmapped first."""
+
+    rows: int
+    columns: int
+    x0: float
+    y0: float
+    cell_m: float
+    mapped_m: float
+    mapped_share: float
+    mapped_area_m2: float
+    runs: tuple[int, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Coverage:
+    """Where a map holds: ``mapped`` is a mask of shape (rows, columns), placed like :class:`FieldRaster`."""
+
+    mapped: NDArray[np.bool_]
+    x0: float
+    y0: float
+    cell_m: float
+    mapped_share: float
+    mapped_area_m2: float
+
+    @classmethod
+    def from_runs(cls, answer: CoverageRuns) -> Self:
+        """The mask of an answer; raises ValueError if the runs do not fill it."""
+        values = np.arange(len(answer.runs)) % 2 == 1
+        mapped = np.repeat(values, answer.runs).reshape(answer.rows, answer.columns)
+        return cls(mapped, answer.x0, answer.y0, answer.cell_m, answer.mapped_share, answer.mapped_area_m2)

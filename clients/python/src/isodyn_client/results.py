@@ -22,14 +22,23 @@ class _WithFixes(Model):
     model_config = ConfigDict(arbitrary_types_allowed=True)
 
 
-class SegmentResult(_WithFixes):
-    """Where a segment stands; ``fixes`` and ``position`` (the last fix) are there once it is processed."""
+class SegmentInfo(_WithFixes):
+    """Where a segment stands."""
 
     session_id: str
     seq: int
     state: JobState
-    fixes: FixArrays | None = None
     error: str | None = None
+    job_id: str | None = None
+    n_samples: int | None = None
+    t_start_ms: float | None = None
+    t_end_ms: float | None = None
+
+
+class SegmentResult(SegmentInfo):
+    """Where a segment stands; ``fixes`` and ``position`` (the last fix) are there once it is processed."""
+
+    fixes: FixArrays | None = None
     position: Position | None = None
 
 
@@ -43,7 +52,9 @@ class LocateResult(_WithFixes):
 
 
 class PositionPage(_WithFixes):
-    """One page of a session's fixes; ``next_cursor`` is None on the last."""
+    """One page of a session's fixes; ``number`` counts them, ``seq`` is the segment each came from."""
 
+    number: tuple[int, ...] = ()
+    seq: tuple[int, ...] = ()
     fixes: FixArrays
     next_cursor: str | None = None
