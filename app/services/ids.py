@@ -26,10 +26,7 @@ class IdFactory:
         """Return a fresh id for a thing created ``now``."""
         value = (int(now.timestamp() * 1000) << _RANDOM_BITS) | secrets.randbits(_RANDOM_BITS)
         with self._lock:
-            if value <= self._last:
-                value = self._last + 1 + secrets.randbits(_STEP_BITS)
-            elif value >> _RANDOM_BITS == self._last >> _RANDOM_BITS:
-                # same millisecond: stay close, or a few ids would use up the millisecond's range
+            if value >> _RANDOM_BITS <= self._last >> _RANDOM_BITS:
                 value = self._last + 1 + secrets.randbits(_STEP_BITS)
             self._last = value
         return f"{prefix}_{value:026x}"

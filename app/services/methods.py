@@ -13,6 +13,7 @@ MethodCheck = Callable[[str, Mapping[str, object]], None]
 
 def check_method(method: str, parameters: Mapping[str, object]) -> None:
     """Refuse methods and parameters that the engine does not know, before anything is stored."""
+    # late: loading numba takes a second that `isodyn keys` and `isodyn db` need not wait for
     from app.engine.localization.registry import METHODS, create_tracker
 
     if method not in METHODS:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from datetime import datetime
 
+from app.engine.types import Fix
 from app.services.base import Service
 from app.services.clock import Clock
 from app.services.ids import new_id, seed_of
@@ -67,7 +69,12 @@ class ProcessingService(Service):
         return BuildSpec(level_id=build.level_id, walks=tuple(walks), settings=build.settings)
 
     def complete_locate(self, job: Job, result: LocateResult) -> Job | None:
-        """Store fixes, new state and the job's end together; None if the job no longer runs in this attempt."""
+        """Store fixes, new state and the job's end together; None if the job no longer runs in this attempt.
+
+        A result with a value that is not finite fails the job: nobody could use it, and it must not stop the queue.
+        """
+        if not all(map(_is_finite, result.fixes)):
+            return self.fail(job, "the method answered with a position that is not finite")
         session_id, seq = _segment_of(job)
         now = self._clock()
         outcome: Outcome = {"session_id": session_id, "seq": seq, "n_fixes": len(result.fixes), "cpu_s": result.cpu_s}
@@ -127,6 +134,11 @@ class ProcessingService(Service):
 
 def _segment_of(job: Job) -> tuple[str, int]:
     return str(job.subject["session_id"]), int(job.subject["seq"])
+
+
+def _is_finite(fix: Fix) -> bool:
+    values = (fix.t, fix.x, fix.y, fix.cov_xx, fix.cov_xy, fix.cov_yy, fix.heading, fix.quality, fix.walk_on_m or 0.0)
+    return all(map(math.isfinite, values))
 
 
 def _map_info(

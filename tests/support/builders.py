@@ -1,0 +1,267 @@
+"""Small hand-made values for tests: samples, maps, fixes, jobs, and a service over a real database file."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Future
+from dataclasses import dataclass, field
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+
+from app.engine.types import (
+    FeatureSet,
+    Fix,
+    GridMap,
+    ImuSamples,
+    MapBuild,
+    Progress,
+    RadioScans,
+    Status,
+    TrackerState,
+    WalkReport,
+    Waypoints,
+)
+from app.services.container import Services, build_services
+from app.services.errors import InvalidError
+from app.services.records import (
+    Job,
+    JobKind,
+    JobState,
+    Level,
+    NewBuild,
+    NewSegment,
+    NewWalk,
+    Session,
+    VenueKind,
+)
+from app.services.tasks import BuildResult, LocateResult, LocateSpec
+from app.storage import Database, FileMapCache
+
+Spec = TypeVar("Spec")
+Result = TypeVar("Result")
+
+START = datetime(2026, 11, 22, 8, 0, tzinfo=UTC)
+T0 = 1_790_000_000.0
+SEGMENT_S = 5.0
+RATE_HZ = 50.0
+
+
+class SteppingClock:
+    """A clock that goes on by a millisecond each time it is read."""
+
+    def __init__(self, start: datetime = START) -> None:
+        self.now = start
+
+    def __call__(self) -> datetime:
+        self.now += timedelta(milliseconds=1)
+        return self.now
+
+
+@dataclass
+class RecordingListener:
+    """Remembers what it was told."""
+
+    queued: list[Job] = field(default_factory=list)
+    finished: list[Job] = field(default_factory=list)
+
+    def job_queued(self, job: Job) -> None:
+        self.queued.append(job)
+
+    def job_finished(self, job: Job) -> None:
+        self.finished.append(job)
+
+
+class CallingExecutor:
+    """Runs tasks in the caller."""
+
+    def submit(
+        self,
+        task: Callable[[Spec, Progress], Result],
+        spec: Spec,
+        *,
+        affinity: str = "",
+        on_progress: Progress | None = None,
+    ) -> Future[Result]:
+        future: Future[Result] = Future()
+        future.set_result(task(spec, on_progress or (lambda fraction, text: None)))
+        return future
+
+    def close(self) -> None:
+        pass
+
+
+def samples(n: int = 250, *, t0: float = T0, rate_hz: float = RATE_HZ, seed: int = 0) -> ImuSamples:
+    """Samples as a phone sends them: float32 values on Unix milliseconds."""
+    rng = np.random.default_rng(seed)
+    t_ms = np.round(t0 * 1000 + np.arange(n) * 1000 / rate_hz)
+    return ImuSamples(
+        t=t_ms / 1000,
+        mag=_sensor(rng, n, (10.0, 20.0, -40.0), 3.0),
+        acc=_sensor(rng, n, (0.0, 0.0, 9.81), 1.0),
+        gyro=_sensor(rng, n, (0.0, 0.0, 0.0), 0.3),
+    )
+
+
+def _sensor(rng: np.random.Generator, n: int, mean: tuple[float, float, float], sd: float) -> np.ndarray:
+    return rng.normal(mean, sd, size=(n, 3)).astype(np.float32).astype(np.float64)
+
+
+def scans(n: int = 6, *, t0: float = T0) -> RadioScans:
+    """Radio scans in which each access point comes twice."""
+    address = tuple(f"02:00:00:00:00:{i % 3:02x}" for i in range(n))
+    return RadioScans(t=t0 + np.arange(n) * 0.3, address=address, rssi=-40.0 - np.arange(n))
+
+
+def new_segment(seq: int = 0, *, n: int = 250, seed: int | None = None, wifi: RadioScans | None = None) -> NewSegment:
+    """Segment ``seq`` of a walk in 5-s segments; another seed gives other content."""
+    chunk = samples(n, t0=T0 + seq * SEGMENT_S, seed=seq if seed is None else seed)
+    return NewSegment(seq, chunk, hash_of(chunk), wifi)
+
+
+def hash_of(chunk: ImuSamples) -> str:
+    """Content hash of samples."""
+    return hashlib.sha256(chunk.t.tobytes() + chunk.mag.tobytes()).hexdigest()
+
+
+def new_walk(name: str = "walk", *, n: int = 500, seed: int = 0, wifi: RadioScans | None = None) -> NewWalk:
+    """A survey walk along two legs of 3 and 4 metres."""
+    chunk = samples(n, seed=seed)
+    waypoints = Waypoints(
+        t=np.linspace(chunk.t[0], chunk.t[-1], 3), x=np.array([0.0, 3.0, 3.0]), y=np.array([1.0, 1.0, 5.0])
+    )
+    return NewWalk(name, chunk, waypoints, hash_of(chunk), wifi)
+
+
+def grid_map(
+    level_id: str = "lvl", *, rows: int = 70, columns: int = 130, seed: int = 0, features: FeatureSet = FeatureSet.HV
+) -> GridMap:
+    """A map of more than one tile; its last row is unmapped."""
+    rng = np.random.default_rng(seed)
+    k = len(features.channels)
+    support = rng.uniform(0, 1.5, (rows, columns)).astype(np.float32)
+    support[-1] = 5.0
+    return GridMap(
+        level_id=level_id,
+        features=features,
+        x0=-3.5,
+        y0=2.25,
+        cell_m=0.5,
+        mean=rng.normal(40, 8, (k, rows, columns)).astype(np.float32),
+        sd=rng.uniform(0.5, 8, (k, rows, columns)).astype(np.float32),
+        support=support,
+        mapped_m=1.5,
+        noise_sd=tuple(0.75 + 0.1 * i for i in range(k)),
+    )
+
+
+def map_build(level_id: str = "lvl", *, seed: int = 0, walk_ids: Sequence[str] = ("wlk_1", "wlk_2")) -> MapBuild:
+    """A finished build whose last walk was rejected."""
+    reports = tuple(
+        WalkReport(walk_id, 120, 80.0, (0.5, -1.0, 2.0), 0.9, "moved" if walk_id == walk_ids[-1] else None)
+        for walk_id in walk_ids
+    )
+    return MapBuild(grid_map(level_id, seed=seed), reports, 12_345, 2.5, (8.0, 7.5), {"nugget": 0.5})
+
+
+def fix(t: float = T0, *, level_id: str = "lvl", x: float = 1.0, y: float = 2.0) -> Fix:
+    """An ordinary fix."""
+    return Fix(t, level_id, x, y, 0.5, 0.1, 0.4, 0.3, Status.OK, 0.9, sure=True)
+
+
+def locate_result(
+    seq: int = 0, *, n_fixes: int = 3, level_id: str = "lvl", payload: bytes | None = None
+) -> LocateResult:
+    """What a worker might answer to segment ``seq``."""
+    t0 = T0 + seq * SEGMENT_S
+    fixes = tuple(fix(t0 + i, level_id=level_id, x=seq + i / 10) for i in range(n_fixes))
+    state = TrackerState("particle", b"after %d" % seq if payload is None else payload, t0 + SEGMENT_S)
+    return LocateResult(state, fixes, cpu_s=0.01)
+
+
+def queued_job(id_: str = "job_1", *, key: str = "ses_1", kind: JobKind = JobKind.LOCATE_SEGMENT, seq: int = 0) -> Job:
+    """A job that waits."""
+    subject: Mapping[str, str | int] = {"session_id": key, "seq": seq}
+    return Job(id_, kind, JobState.QUEUED, key, subject, 0, 0.0, "", {}, None, START, None, None)
+
+
+def answer_locate(spec: LocateSpec, progress: Progress) -> LocateResult:
+    """A locate task without an engine: three fixes that carry the spec's seed."""
+    chunk = spec.segment.samples
+    fixes = tuple(fix(float(t), level_id=spec.prior.level_id, x=spec.seed % 1000) for t in chunk.t[:3])
+    payload = (spec.state.payload if spec.state else b"") + b"."
+    return LocateResult(TrackerState(spec.method, payload, float(chunk.t[-1])), fixes, cpu_s=0.0)
+
+
+def check_known_method(method: str, parameters: Mapping[str, object]) -> None:
+    """A method check without an engine."""
+    if method not in ("particle", "dead_reckoning"):
+        raise InvalidError("method", f"{method!r} is unknown", "choose one of dead_reckoning, particle")
+    for name in parameters.keys() - {"n_particles"}:
+        raise InvalidError(f"parameters.{name}", "is unknown", "see GET /v1/methods/particle")
+
+
+@dataclass
+class World:
+    """All services over a database file, and what tests look at beside them."""
+
+    database: Database
+    cache: FileMapCache
+    clock: SteppingClock
+    listener: RecordingListener
+    services: Services
+
+    @classmethod
+    def at(cls, folder: Path, *, max_queued: int = 1000) -> World:
+        """Open (or create) the world in a folder; opening it again is what a restart does."""
+        database = Database.at(folder / "isodyn.db")
+        database.migrate()
+        cache = FileMapCache(folder / "maps")
+        clock, listener = SteppingClock(), RecordingListener()
+        services = build_services(
+            uow=database,
+            clock=clock,
+            executor=CallingExecutor(),
+            cache=cache,
+            listener=listener,
+            locate_task=answer_locate,
+            max_queued=max_queued,
+            check=check_known_method,
+        )
+        return cls(database, cache, clock, listener, services)
+
+    def close(self) -> None:
+        self.database.close()
+
+    def level(self) -> Level:
+        """A level without a map."""
+        venue = self.services.venues.create("House", VenueKind.INDOOR, None)
+        return self.services.venues.create_level(venue.id, "1", 0, (-3.5, 2.25, 61.0, 36.75))
+
+    def surveyed_level(self) -> Level:
+        """A level with one survey walk and no map."""
+        level = self.level()
+        survey = self.services.surveys.create(level.id, "survey")
+        self.services.surveys.add_walk(survey.id, new_walk())
+        return level
+
+    def mapped_level(self, *, seed: int = 0) -> Level:
+        """A level with a current map."""
+        level = self.surveyed_level()
+        self.build(level.id, seed=seed)
+        return self.services.venues.get_level(level.id)
+
+    def build(self, level_id: str, *, seed: int = 0) -> Job:
+        """Request a map and complete the job by hand."""
+        requested = self.services.maps.request_build(NewBuild(level_id))
+        (job,) = self.services.processing.claim(1, JobKind.BUILD_MAP)
+        assert job.id == requested.id
+        return self.services.processing.complete_build(job, BuildResult(map_build(level_id, seed=seed), 0.5), 0.6)
+
+    def session(self, level_id: str | None = None) -> Session:
+        """An open session, on a new mapped level unless one is named."""
+        level_id = self.mapped_level().id if level_id is None else level_id
+        return self.services.sessions.create(level_id, "particle", {})
