@@ -19,7 +19,7 @@ from tests.support.builders import START
 
 
 @pytest.fixture
-def database(tmp_path: Path) -> Iterator[Database]:
+def impatient(tmp_path: Path) -> Iterator[Database]:
     made = Database.at(tmp_path / "isodyn.db", busy_timeout_s=0.05)
     made.migrate()
     yield made
@@ -30,44 +30,44 @@ def _device(id_: str) -> Device:
     return Device(id_, "phone", None, START)
 
 
-def test_an_exception_rolls_everything_back(database: Database) -> None:
+def test_an_exception_rolls_everything_back(impatient: Database) -> None:
     def interrupted() -> None:
-        with database(write=True) as uow:
+        with impatient(write=True) as uow:
             uow.devices.add(_device("dev_1"))
             raise KeyError("after the first statement")
 
     with pytest.raises(KeyError):
         interrupted()
-    with database() as uow, pytest.raises(NotFoundError):
+    with impatient() as uow, pytest.raises(NotFoundError):
         uow.devices.get("dev_1")
 
 
-def test_a_reading_transaction_refuses_to_write(database: Database) -> None:
-    with database() as uow, pytest.raises(ReadOnlyTransactionError):
+def test_a_reading_transaction_refuses_to_write(impatient: Database) -> None:
+    with impatient() as uow, pytest.raises(ReadOnlyTransactionError):
         uow.devices.add(_device("dev_1"))
 
 
-def test_a_reader_sees_one_moment_while_a_writer_commits(database: Database) -> None:
-    with database() as reader:
+def test_a_reader_sees_one_moment_while_a_writer_commits(impatient: Database) -> None:
+    with impatient() as reader:
         assert reader.stats().venues == 0  # the moment is that of the first read
-        with database(write=True) as writer:
+        with impatient(write=True) as writer:
             writer.devices.add(_device("dev_1"))
         with pytest.raises(NotFoundError):
             reader.devices.get("dev_1")
-    with database() as later:
+    with impatient() as later:
         assert later.devices.get("dev_1") == _device("dev_1")
 
 
-def test_a_second_writer_of_this_process_gives_up_in_time(database: Database) -> None:
-    with database(write=True), pytest.raises(OverloadedError), database(write=True):
+def test_a_second_writer_of_this_process_gives_up_in_time(impatient: Database) -> None:
+    with impatient(write=True), pytest.raises(OverloadedError), impatient(write=True):
         pytest.fail("two writers at once")
-    with database(write=True) as uow:
+    with impatient(write=True) as uow:
         uow.devices.add(_device("dev_1"))
 
 
-def test_a_second_writer_of_another_process_gives_up_in_time(database: Database, tmp_path: Path) -> None:
+def test_a_second_writer_of_another_process_gives_up_in_time(impatient: Database, tmp_path: Path) -> None:
     other = Database.at(tmp_path / "isodyn.db", busy_timeout_s=0.05)  # has its own lock, as another process has
-    with database(write=True), pytest.raises(OverloadedError), other(write=True):
+    with impatient(write=True), pytest.raises(OverloadedError), other(write=True):
         pytest.fail("two writers at once")
     with other(write=True) as uow:
         uow.devices.add(_device("dev_1"))
@@ -89,14 +89,14 @@ def test_connections_are_set_up(tmp_path: Path, power_safe: bool, level: int) ->
     database.close()
 
 
-def test_foreign_keys_hold(database: Database) -> None:
+def test_foreign_keys_hold(impatient: Database) -> None:
     def orphan() -> None:
-        with database(write=True) as uow:
+        with impatient(write=True) as uow:
             uow.levels.set_plan_image("lvl_none", b"", START)
 
     with pytest.raises(NotFoundError):
         orphan()
-    with pytest.raises(IntegrityError), database.engine.begin() as connection:
+    with pytest.raises(IntegrityError), impatient.engine.begin() as connection:
         connection.execute(text("INSERT INTO level_plans VALUES ('lvl_none', 'image', x'00')"))
 
 
