@@ -30,13 +30,6 @@ class LogLevel(StrEnum):
     ERROR = "error"
 
 
-class Durability(StrEnum):
-    """What an acknowledged write survives: ``normal`` a killed process, ``full`` a power cut as well."""
-
-    NORMAL = "normal"
-    FULL = "full"
-
-
 def _default_workers() -> int:
     return max(1, len(os.sched_getaffinity(0)))
 
@@ -49,14 +42,16 @@ class Settings(BaseSettings):
     data_dir: Path = Field(default=Path("data"), description="Folder of the database, map cache and compiled kernels.")
     host: str = Field(default="127.0.0.1", description="Address to listen on; 0.0.0.0 for all interfaces.")
     port: int = Field(default=8080, ge=0, le=65535, description="TCP port; 0 takes a free one.")
-    database_durability: Durability = Field(
-        default=Durability.NORMAL, description="What acknowledged writes survive: a killed process, or a power cut too."
+    power_safe: bool = Field(
+        default=False, description="Acknowledged writes survive a power cut too, not only a killed process; slower."
     )
 
     pool: PoolKind = Field(default=PoolKind.PROCESSES, description="Where tasks run: inline, threads or processes.")
     workers: int = Field(default_factory=_default_workers, ge=1, le=256, description="Workers that locate segments.")
     maps_per_worker: int = Field(default=16, ge=1, description="Maps a worker keeps open.")
-    map_cache_bytes: int = Field(default=2**30, ge=2**20, description="Disk space for unpacked maps in the data folder.")
+    map_cache_bytes: int = Field(
+        default=2**30, ge=2**20, description="Disk space for unpacked maps in the data folder."
+    )
     segment_time_limit_s: float = Field(
         default=60.0, gt=0, description="A worker process that takes longer over a segment is replaced."
     )

@@ -52,18 +52,23 @@ class InlineExecutor:
 class ThreadExecutor:
     """Runs tasks in threads. Kernels release the GIL, the rest of Python does not; a crash takes the service along."""
 
-    def __init__(self, workers: int) -> None:
+    def __init__(self, workers: int, *, warm_up: Callable[[], None] | None = None) -> None:
         self._pool = ThreadPoolExecutor(workers, thread_name_prefix="worker")
         self._workers = workers
+        self._warm_up = warm_up
+        self._warm: Future[None] | None = None
         self._closed = Event()
 
     @property
     def alive(self) -> int:
-        """Workers that can take a task."""
-        return 0 if self._closed.is_set() else self._workers
+        """Workers that can take a task without compiling anything first."""
+        cold = self._warm is not None and (not self._warm.done() or self._warm.exception() is not None)
+        return 0 if self._closed.is_set() or cold else self._workers
 
     def start(self) -> None:
-        """Do nothing; threads start with their first task."""
+        """Warm up in the background; tasks are taken at once."""
+        if self._warm_up is not None:
+            self._warm = self._pool.submit(self._warm_up)
 
     def submit(
         self,
