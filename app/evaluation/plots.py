@@ -9,10 +9,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.image import imread
 from matplotlib.patches import Ellipse
 
 from app.engine.types import Fix, Float64Array, Progress, Status
@@ -113,7 +113,7 @@ def plot_errors(report: Report, path: Path) -> Path:
 def _draw_backdrop(figure: Any, axes: Any, backdrop: Backdrop) -> None:
     x_min, y_min, x_max, y_max = backdrop.extent
     if backdrop.plan_png:
-        plan = mpl.image.imread(backdrop.plan_png)
+        plan = imread(backdrop.plan_png)
         axes.imshow(plan, extent=(x_min, x_max, y_min, y_max), alpha=0.35, zorder=1, interpolation="bilinear")
     if backdrop.field is None:
         return

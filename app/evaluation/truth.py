@@ -14,7 +14,9 @@ from scipy.spatial import cKDTree
 from app.engine.types import Float64Array, Waypoints
 
 LONGEST_STEP_S = 0.8
-"""A step's displacement is made within this time before the step is felt; the rest of a longer interval was a pause."""
+"""A longer interval between two steps held a pause."""
+USUAL_STEP_S = 0.55
+"""Duration of a step after a pause, in a walk that has no two steps in a row."""
 COVERED_WITHIN_M = 1.0
 COVERED_SHARE = 0.8
 MIN_STEPS = 8
@@ -79,11 +81,13 @@ def interpolate(t: Float64Array, step_t: Float64Array, waypoints: Waypoints) -> 
 
 
 def _steps_made(t: Float64Array, step_t: Float64Array) -> Float64Array:
-    """Steps made by time ``t``, with fractions: each grows from 0 to 1 before it is felt; flat during pauses."""
+    """Steps made by time ``t``, with fractions: each grows from 0 to 1 until it is felt; flat during pauses."""
     if not len(step_t):
         return np.zeros(t.shape)
-    previous = np.concatenate(([-np.inf], step_t[:-1]))
-    begin = np.maximum(previous, step_t - LONGEST_STEP_S)
+    interval = np.diff(step_t, prepend=-np.inf)
+    in_a_row = interval[interval <= LONGEST_STEP_S]
+    usual = float(np.median(in_a_row)) if len(in_a_row) else USUAL_STEP_S
+    begin = step_t - np.where(interval <= LONGEST_STEP_S, interval, usual)
     number = np.searchsorted(step_t, t, side="left")  # steps felt before t
     ahead = np.minimum(number, len(step_t) - 1)
     under_way = np.clip((t - begin[ahead]) / (step_t - begin)[ahead], 0.0, 1.0)
