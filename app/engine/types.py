@@ -165,6 +165,9 @@ class GridMap:
     noise_sd : tuple of float, uT
         Repeatability per channel: what two walks over the same spot differ by after their offsets
         are removed.
+    obstacle : array, shape (rows, columns), float32, m, or None
+        How deep a node lies in walls and closed rooms of the floor plan or outside the floor; 0 where people can
+        walk. None without a plan.
     """
 
     level_id: str
@@ -177,6 +180,7 @@ class GridMap:
     support: Float32Array
     mapped_m: float
     noise_sd: tuple[float, ...]
+    obstacle: Float32Array | None = None
 
     @property
     def shape(self) -> tuple[int, int]:

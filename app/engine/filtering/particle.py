@@ -23,6 +23,8 @@ from app.engine.types import FeatureSet, Float32Array, Float64Array, GridMap
 _MODES = {FeatureSet.VECTOR: kernel.VECTOR, FeatureSet.HV: kernel.HV, FeatureSet.TOTAL: kernel.TOTAL}
 _DEGREES_OF_FREEDOM = {FeatureSet.VECTOR: 5.0, FeatureSet.HV: 6.0, FeatureSet.TOTAL: 7.0}
 _POOL = 1 << 19
+OBSTACLE_SD_M = 0.8
+OBSTACLE_FLOOR = 0.05
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,7 +60,7 @@ class ParticleNoise:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FilterGrid:
-    """A map as the kernel reads it: (rows, columns, 6) float32."""
+    """A map as the kernel reads it: (rows, columns, 7) float32."""
 
     features: FeatureSet
     x0: float
@@ -71,7 +73,7 @@ class FilterGrid:
     """Mean of the mapped nodes per kernel channel, uT."""
 
     def lookup(self, x: Float64Array, y: Float64Array) -> Float32Array:
-        """Nearest node's values, shape (n, 6)."""
+        """Nearest node's values, shape (n, 7)."""
         rows, columns = self.nodes.shape[:2]
         c = np.clip(np.rint((x - self.x0) / self.cell_m).astype(np.int64), 0, columns - 1)
         r = np.clip(np.rint((y - self.y0) / self.cell_m).astype(np.int64), 0, rows - 1)
@@ -103,7 +105,7 @@ def _lay_out(grid_map: GridMap, features: FeatureSet) -> FilterGrid:
     channels = [(m, s.astype(np.float64) ** 2) for m, s in zip(grid_map.mean, grid_map.sd, strict=True)]
     noise = list(grid_map.noise_sd)
     source = grid_map.features
-    nodes = np.zeros((*grid_map.shape, 6), dtype=np.float32)
+    nodes = np.zeros((*grid_map.shape, 7), dtype=np.float32)
     if features is FeatureSet.VECTOR and source is FeatureSet.VECTOR:
         nodes[..., 0], nodes[..., 1], nodes[..., 2] = (mean for mean, _ in channels)
         nodes[..., 3] = 0.5 * (channels[0][1] + channels[1][1])
@@ -124,10 +126,23 @@ def _lay_out(grid_map: GridMap, features: FeatureSet) -> FilterGrid:
         raise MapError(f"a map of {source.value} features does not serve {features.value}")
     mapped = grid_map.mapped
     nodes[..., 5] = mapped
-    mean = nodes[mapped][:, :3] if mapped.any() else nodes.reshape(-1, 6)[:, :3]
+    nodes[..., 6] = _walkability(grid_map)
+    mean = nodes[mapped][:, :3] if mapped.any() else nodes.reshape(-1, 7)[:, :3]
     return FilterGrid(
         features, grid_map.x0, grid_map.y0, grid_map.cell_m, nodes, noises, mean.mean(axis=0, dtype=np.float64)
     )
+
+
+def _walkability(grid_map: GridMap) -> Float64Array:
+    """Weight of a step that ends at each node: falls with the depth in obstacles, never to nothing.
+
+    Plans are off by some decimetres, doors stand open, and a filter that kills all particles is lost.
+    """
+    if grid_map.obstacle is None:
+        return np.ones(grid_map.shape)
+    depth = grid_map.obstacle.astype(np.float64)
+    weight: Float64Array = np.maximum(np.exp(-0.5 * (depth / OBSTACLE_SD_M) ** 2), OBSTACLE_FLOOR)
+    return weight
 
 
 @dataclass(frozen=True, slots=True)

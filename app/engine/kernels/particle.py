@@ -20,8 +20,8 @@ Rows of a particle array ``p`` (15, n) float32:
 14 weight
 == =============================================================================
 
-The map ``grid`` (rows, columns, 6) float32 holds the three channels' mean, the map's variance of channels 0 and 1, that of
-channel 2, and 1 where mapped. Channels: vector x y z; ``hv`` h - v; total - - f.
+The map ``grid`` (rows, columns, 7) float32 holds the three channels' mean, the map's variance of channels 0 and 1,
+that of channel 2, 1 where mapped, and the weight of standing there (1 where people can walk). Channels: vector x y z; ``hv`` h - v; total - - f.
 """
 
 import numpy as np
@@ -38,7 +38,7 @@ def step(p, q, grid, motion, z, par, mode, first, pool, offset, u, est):  # type
     Parameters
     ----------
     p, q : (15, n) particles, and scratch of the same shape
-    grid : (rows, columns, 6) map
+    grid : (rows, columns, 7) map
     motion : (5,) turn until the mid of the step (rad), turn until its end, stride (m), origin x, origin y (m)
     z : (3,) measured channels (forward, left, up / h, -, v / -, -, total), uT
     par : (12,) 1/cell, heading noise (rad), stride noise (share), scale walk, carry walk (rad), position noise (m),
@@ -122,6 +122,12 @@ def step(p, q, grid, motion, z, par, mode, first, pool, offset, u, est):  # type
             + w10 * grid[iy + 1, ix, 2]
             + w11 * grid[iy + 1, ix + 1, 2]
         )
+        free = (
+            w00 * grid[iy, ix, 6]
+            + w01 * grid[iy, ix + 1, 6]
+            + w10 * grid[iy + 1, ix, 6]
+            + w11 * grid[iy + 1, ix + 1, 6]
+        )
         jx, jy = np.int32(gx + half), np.int32(gy + half)
         vh = grid[jy, jx, 3] + noise_h
         vv = grid[jy, jx, 4] + noise_v
@@ -159,7 +165,7 @@ def step(p, q, grid, motion, z, par, mode, first, pool, offset, u, est):  # type
         # Student t with 8 - d degrees of freedom in d dimensions: the exponent is 4 in every mode
         t = one + quad * inv_dof
         t *= t
-        w = W[i] * scale / (t * t)
+        w = W[i] * free * scale / (t * t)
         W[i] = w
         total += w
     for j in range(10):

@@ -2,5 +2,6 @@
 
 from app.engine.mapping.builder import build_map
 from app.engine.mapping.kriging import Covariance, FieldLevel, FieldSamples, krige, krige_grid
+from app.engine.mapping.plan import FloorPlan, Polygon
 
-__all__ = ["Covariance", "FieldLevel", "FieldSamples", "build_map", "krige", "krige_grid"]
+__all__ = ["Covariance", "FieldLevel", "FieldSamples", "FloorPlan", "Polygon", "build_map", "krige", "krige_grid"]

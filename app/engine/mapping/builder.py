@@ -10,6 +10,7 @@ from scipy.spatial import cKDTree
 from app.engine.errors import InputError, MapError
 from app.engine.mapping.kriging import FieldLevel, FieldSamples, krige_grid
 from app.engine.mapping.offsets import WalkOffsets, estimate_offsets
+from app.engine.mapping.plan import FloorPlan, obstacle_depth
 from app.engine.mapping.samples import PlacedSamples, place_samples
 from app.engine.mapping.variogram import field_level, fit_covariance
 from app.engine.types import (
@@ -33,6 +34,8 @@ def build_map(
     walks: Sequence[SurveyWalk],
     settings: MapBuildSettings | None = None,
     progress: Progress | None = None,
+    *,
+    plan: FloorPlan | None = None,
 ) -> MapBuild:
     """Build a map with mean and standard deviation per node.
 
@@ -46,6 +49,8 @@ def build_map(
         A walk that cannot be placed is left out and its report says why.
     settings : MapBuildSettings
     progress : callable or None
+    plan : FloorPlan or None
+        Walls and rooms; kept with the map as depth in obstacles.
 
     Raises
     ------
@@ -64,7 +69,7 @@ def build_map(
     say(0.35, "fitting covariance")
     covariance = fit_covariance(samples)
     level = field_level(samples, covariance)
-    x, y = _axes(samples.xy, settings)
+    x, y = _axes(samples.xy, settings, plan)
     mean, sd = krige_grid(samples, level, covariance, x, y, progress=lambda f, what: say(0.45 + 0.5 * f, what))
     grid = GridMap(
         level_id=level_id,
@@ -77,6 +82,7 @@ def build_map(
         support=_support(samples.xy, x, y),
         mapped_m=settings.mapped_m,
         noise_sd=tuple(float(s) for s in level.sd * np.sqrt(covariance.noise)),
+        obstacle=None if plan is None else obstacle_depth(plan, samples.xy, x, y).astype(np.float32),
     )
     say(1.0, "done")
     return MapBuild(
@@ -127,12 +133,14 @@ def to_features(field: Float64Array, features: FeatureSet) -> Float64Array:
     return total
 
 
-def _axes(xy: Float64Array, settings: MapBuildSettings) -> tuple[Float64Array, Float64Array]:
+def _axes(xy: Float64Array, settings: MapBuildSettings, plan: FloorPlan | None) -> tuple[Float64Array, Float64Array]:
     """Node coordinates: multiples of the cell, so that versions of a level share their lattice."""
     if settings.extent is not None:
         lo, hi = np.array(settings.extent[:2]), np.array(settings.extent[2:])
     else:
         lo, hi = xy.min(axis=0) - _MARGIN_M, xy.max(axis=0) + _MARGIN_M
+        if plan is not None and plan.extent is not None:
+            lo, hi = np.minimum(lo, plan.extent[:2]), np.maximum(hi, plan.extent[2:])
     first = np.floor(lo / settings.cell_m).astype(np.int64)
     last = np.ceil(hi / settings.cell_m).astype(np.int64)
     if np.prod((last - first + 1).astype(float)) > _MAX_NODES:
