@@ -106,7 +106,8 @@ def plot_errors(report: Report, path: Path) -> Path:
         title=f"{report.set_name}, {report.scenario}, aids {report.aids}, through {report.through}",
     )  # fmt: skip
     axes.grid(color="#dddddd", lw=0.6)
-    axes.legend(loc="lower right", fontsize=8)
+    if axes.lines:
+        axes.legend(loc="lower right", fontsize=8)
     return _save(figure, path)
 
 

@@ -1,0 +1,95 @@
+"""Preparation of a level: surveyed area, map, cache."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from app.engine.errors import MapError
+from app.engine.types import FeatureSet, MapBuild, MapBuildSettings
+from app.evaluation import prepare
+from app.evaluation.prepare import PrepareTask, load_map, map_key, prepare_level, save_map
+from tests.evaluation.fakes import flat_map, straight_walk
+
+WALKS = tuple(straight_walk(name, duration_s=8.0).survey_walk() for name in "ab")
+TASK = PrepareTask("x-F1", WALKS, MapBuildSettings())
+
+
+@pytest.fixture
+def built(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """Calls of a stand-in for map building."""
+    calls: list[str] = []
+
+    def build(level_id, walks, settings):
+        calls.append(level_id)
+        return MapBuild(flat_map(level_id), (), 1, 3.0, (1.0,))
+
+    monkeypatch.setattr(prepare, "build_map", build)
+    return calls
+
+
+def test_a_map_survives_the_file(tmp_path: Path) -> None:
+    path = tmp_path / "new" / "m.npz"
+    save_map(flat_map("x"), path)
+    again, before = load_map(path), flat_map("x")
+    for name in ("level_id", "features", "x0", "y0", "cell_m", "mapped_m", "noise_sd"):
+        assert getattr(again, name) == getattr(before, name)
+    for name in ("mean", "sd", "support"):
+        np.testing.assert_array_equal(getattr(again, name), getattr(before, name))
+        assert getattr(again, name).dtype == np.float32
+    assert [p.name for p in path.parent.iterdir()] == ["m.npz"]
+
+
+def test_the_key_follows_everything_that_the_map_depends_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    moved = replace(WALKS[0], samples=replace(WALKS[0].samples, mag=WALKS[0].samples.mag + 1e-3))
+    relabelled = replace(WALKS[0], waypoints=replace(WALKS[0].waypoints, x=WALKS[0].waypoints.x + 1e-3))
+    variants = [
+        TASK,
+        replace(TASK, name="x-F2"),
+        replace(TASK, settings=MapBuildSettings(FeatureSet.HV)),
+        replace(TASK, settings=MapBuildSettings(cell_m=0.4)),
+        replace(TASK, walks=WALKS[:1]),
+        replace(TASK, walks=WALKS[::-1]),
+        replace(TASK, walks=(moved, WALKS[1])),
+        replace(TASK, walks=(relabelled, WALKS[1])),
+    ]
+    keys = [map_key(task) for task in variants]
+    assert len(set(keys)) == len(keys)
+    assert map_key(replace(TASK, cache=Path("elsewhere"))) == keys[0]
+    monkeypatch.setattr(prepare, "engine_hash", lambda: "another engine")
+    assert map_key(TASK) not in keys
+
+
+def test_the_cache_is_used_only_when_given(tmp_path: Path, built: list[str]) -> None:
+    for _ in range(2):
+        assert prepare_level(TASK).build_s is not None
+    assert len(built) == 2
+    cached = replace(TASK, cache=tmp_path / "cache")
+    first, second = prepare_level(cached), prepare_level(cached)
+    assert len(built) == 3
+    assert (first.build_s is None, second.build_s is None) == (False, True)
+    assert first.grid_map is not None
+    assert second.grid_map is not None
+    np.testing.assert_array_equal(first.grid_map.mean, second.grid_map.mean)
+    prepare_level(replace(cached, settings=MapBuildSettings(cell_m=0.4)))
+    assert len(built) == 4
+
+
+def test_a_level_without_a_map_says_why(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(level_id, walks, settings):
+        raise MapError("no walk could be placed")
+
+    monkeypatch.setattr(prepare, "build_map", refuse)
+    level = prepare_level(TASK)
+    assert (level.grid_map, level.problem) == (None, "no walk could be placed")
+    assert len(level.area.positions) > 100
+
+
+def test_the_surveyed_area_alone(built: list[str]) -> None:
+    level = prepare_level(replace(TASK, with_map=False))
+    assert (level.grid_map, level.n_walks, built) == (None, 2, [])
+    assert np.ptp(level.area.positions[:, 0]) > 5.0
+    np.testing.assert_allclose(level.area.positions[:, 1], 2.0)
