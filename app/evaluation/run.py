@@ -16,6 +16,7 @@ from multiprocessing import get_context
 from typing import TypeVar
 
 from app.engine.errors import InputError
+from app.engine.localization import DEFAULT_METHOD, create_tracker, warm_up
 from app.engine.types import GridMap, Progress, SurveyWalk
 from app.evaluation.datasets.ilc20 import Ilc20Level, RecordedWalk, open_ilc20
 from app.evaluation.drivers import FieldRaster, HttpDriver, LevelUpload, Smoother, Transport
@@ -55,9 +56,7 @@ class Engine:
 
 def default_engine() -> Engine:
     """The real engine."""
-    from app.engine.localization import registry, warm_up
-
-    return Engine(registry.create_tracker, registry.DEFAULT_METHOD, warm_up)
+    return Engine(create_tracker, DEFAULT_METHOD, warm_up)
 
 
 def run_ilc20(
