@@ -4,16 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import AbstractAsyncContextManager
-from typing import TYPE_CHECKING
+from importlib.metadata import PackageNotFoundError, version
 
+import anyio
 from fastapi import FastAPI
+from fastapi.middleware.cors import CORSMiddleware
 
+from app.api import docs_page, errors, openapi
+from app.api.auth import KeyCache
+from app.api.deps import Context
+from app.api.idempotency import Creations
+from app.api.middleware import AnswerMiddleware
 from app.api.ports import ApiSettings, Broker, Metrics, Readiness
-
-if TYPE_CHECKING:
-    from app.services.container import Services
+from app.api.ratelimit import RateLimiter
+from app.api.routers import ROUTERS
+from app.services.container import Services
 
 Lifespan = Callable[[FastAPI], AbstractAsyncContextManager[None]]
+
+_LARGE_UPLOADS = 2
+_LOCATES = 16
 
 
 def create_api(
@@ -26,4 +36,50 @@ def create_api(
     lifespan: Lifespan | None = None,
 ) -> FastAPI:
     """Build the application over ready-made services; ``lifespan`` starts and stops what they need."""
-    raise NotImplementedError
+    app = FastAPI(
+        title="Isodyn",
+        version=_version(),
+        summary="Geomagnetic positioning: segments of magnetometer and inertial samples in, positions out.",
+        description=openapi.DESCRIPTION,
+        openapi_tags=openapi.TAGS,
+        docs_url=None,
+        redoc_url=None,
+        lifespan=lifespan,
+        separate_input_output_schemas=False,
+    )
+    limiter = RateLimiter(settings.rate_limit_per_minute, settings.rate_limit_burst)
+    app.state.context = Context(
+        services=services,
+        broker=broker,
+        settings=settings,
+        metrics=metrics,
+        ready=ready,
+        keys=KeyCache(services.accounts.verify),
+        limiter=limiter,
+        creations=Creations(services.idempotency),
+        uploads=anyio.CapacityLimiter(_LARGE_UPLOADS),
+        locates=anyio.CapacityLimiter(_LOCATES),
+    )
+    for router in ROUTERS:
+        app.include_router(router)
+    app.include_router(docs_page.router)
+    errors.install(app)
+    openapi.install(app)
+    if settings.cors_origins:
+        app.add_middleware(
+            CORSMiddleware,
+            allow_origins=list(settings.cors_origins),
+            allow_methods=["*"],
+            allow_headers=["*"],
+            expose_headers=["*"],
+        )
+    # Added last, so outermost: it counts what CORS answers too.
+    app.add_middleware(AnswerMiddleware, metrics=metrics, policy=limiter.policy)
+    return app
+
+
+def _version() -> str:
+    try:
+        return version("isodyn")
+    except PackageNotFoundError:
+        return "0+unknown"

@@ -40,7 +40,7 @@ class ApiSettings(Protocol):
 class Broker(Protocol):
     """Lets a request wait for the end of a job."""
 
-    async def wait(self, job_id: str, timeout: float) -> Job | None:  # noqa: ASYNC109
+    async def wait(self, job_id: str, timeout: float) -> Job | None:
         """Return the job once it is final, at once if it ended before the call; None after ``timeout`` seconds."""
         ...
 

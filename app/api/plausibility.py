@@ -1,0 +1,290 @@
+"""Checks of uploaded samples: shape, order, gaps, size, units, limits. Each finding names field and remedy.
+
+Every check looks at whole columns. Stages follow one another because a later one would only repeat an earlier
+finding: lengths, finite values, time, units, limits.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from app.api.errors import RejectedError
+from app.api.schemas.samples import SamplesIn, VectorIn, WaypointsIn, WifiIn
+from app.api.validation import FieldError
+from app.engine.types import Float64Array
+
+MAX_GAP_S = 1.0
+MAX_WIFI_ROWS = 50_000
+RSSI_RANGE = (-150.0, 20.0)
+WAYPOINT_SLACK_S = 10.0
+WAYPOINT_SLACK_M = 50.0
+
+Extent = tuple[float, float, float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class UploadLimits:
+    """How much one upload may hold."""
+
+    what: str
+    max_samples: int
+    max_duration_s: float
+
+
+SEGMENT_LIMITS = UploadLimits("segment", 20_000, 60.0)
+WALK_LIMITS = UploadLimits("walk", 200_000, 1800.0)
+
+
+@dataclass(frozen=True, slots=True)
+class SensorRule:
+    """What a sensor can read: ``limit`` for any sample, and typical magnitudes that betray another unit.
+
+    A median magnitude above ``too_high`` or below ``too_low`` (None: not judged) is a unit error: the phrases say
+    which. The thresholds come from 800 recorded phone walks, cut into 5-s pieces: medians of 15-74 uT, 5.6-10.8
+    m/s^2 and 0.02-2.5 rad/s (in deg/s: 2-145, 99 % above 2.7).
+    """
+
+    unit: str
+    limit: float
+    too_high: float | None
+    high_phrase: tuple[str, str]
+    too_low: float | None
+    low_phrase: tuple[str, str]
+
+
+SENSORS: Mapping[str, SensorRule] = {
+    "mag": SensorRule(
+        "uT",
+        2000.0,
+        2000.0,
+        ("looks like nT sent as uT", "divide by 1000: the field is taken in microtesla"),
+        1.0,
+        ("looks like gauss, mT or T sent as uT", "convert to microtesla (1 G = 100 uT, 1 mT = 1000 uT)"),
+    ),
+    "acc": SensorRule(
+        "m/s^2",
+        200.0,
+        200.0,
+        ("looks like mg sent as m/s^2", "multiply by 0.00980665"),
+        3.0,
+        (
+            "looks like g sent as m/s^2, or gravity was taken out",
+            "multiply g by 9.80665; send the accelerometer with gravity, not linear acceleration",
+        ),
+    ),
+    "gyro": SensorRule(
+        "rad/s",
+        50.0,
+        7.0,
+        ("looks like deg/s sent as rad/s", "multiply by pi / 180"),
+        None,
+        ("", ""),
+    ),
+}
+
+_EARLIEST_S, _LATEST_S = 1e8, 1e10
+_MICROSECONDS = 1e14
+
+
+def check_samples(samples: SamplesIn, limits: UploadLimits) -> None:
+    """Raise RejectedError with all findings of the first stage that has any."""
+    for stage in (_lengths, _finite):
+        _raise_any(stage(samples))
+    _raise_any(_size(samples.t_ms, limits))
+    _raise_any(_time(samples.t_ms, limits))
+    _raise_any(finding for name in SENSORS for finding in _sensor(name, getattr(samples, name)))
+
+
+def check_wifi(wifi: WifiIn) -> None:
+    """Raise RejectedError for readings that cannot be used."""
+    rows = len(wifi.t_ms)
+    if rows > MAX_WIFI_ROWS:
+        raise RejectedError([FieldError("wifi.t_ms", f"has {rows} rows", f"send at most {MAX_WIFI_ROWS}")])
+    _raise_any(
+        _length_error(f"wifi.{name}", n, "wifi.t_ms", rows)
+        for name, n in (("bssid", len(wifi.bssid)), ("rssi", len(wifi.rssi)))
+        if n != rows
+    )
+    _raise_any(_column_finite("wifi.t_ms", wifi.t_ms))
+    low, high = RSSI_RANGE
+    outside = ~((wifi.rssi >= low) & (wifi.rssi <= high))
+    if outside.any():
+        i = int(outside.argmax())
+        raise RejectedError(
+            [FieldError("wifi.rssi", f"value {i} is {wifi.rssi[i]:g} dBm", f"send dBm from {low:g} to {high:g}")]
+        )
+
+
+def check_waypoints(waypoints: WaypointsIn, t_ms: Float64Array, extent: Extent) -> None:
+    """Raise RejectedError for waypoints that do not belong to these samples or this level."""
+    n = len(waypoints.t_ms)
+    if n < 2:
+        raise RejectedError([FieldError("waypoints.t_ms", f"has {n} of at least 2 waypoints", "label two places")])
+    _raise_any(
+        _length_error(f"waypoints.{name}", len(column), "waypoints.t_ms", n)
+        for name, column in (("x", waypoints.x), ("y", waypoints.y))
+        if len(column) != n
+    )
+    for name in ("t_ms", "x", "y"):
+        _raise_any(_column_finite(f"waypoints.{name}", getattr(waypoints, name)))
+    _raise_any(_not_increasing("waypoints.t_ms", waypoints.t_ms))
+    _raise_any(_waypoint_time(waypoints.t_ms, t_ms))
+    x_min, y_min, x_max, y_max = extent
+    _raise_any(_outside("waypoints.x", waypoints.x, x_min, x_max))
+    _raise_any(_outside("waypoints.y", waypoints.y, y_min, y_max))
+
+
+def _raise_any(findings: Iterator[FieldError]) -> None:
+    found = list(findings)
+    if found:
+        raise RejectedError(found)
+
+
+def _named_columns(samples: SamplesIn) -> Iterator[tuple[str, Float64Array]]:
+    yield "samples.t_ms", samples.t_ms
+    for name in SENSORS:
+        vector: VectorIn = getattr(samples, name)
+        yield f"samples.{name}.x", vector.x
+        yield f"samples.{name}.y", vector.y
+        yield f"samples.{name}.z", vector.z
+
+
+def _lengths(samples: SamplesIn) -> Iterator[FieldError]:
+    n = len(samples.t_ms)
+    for name, column in _named_columns(samples):
+        if not len(column):
+            yield FieldError(name, "is empty", "send at least one value; all columns have the same length")
+        elif n and len(column) != n:
+            yield _length_error(name, len(column), "samples.t_ms", n)
+
+
+def _length_error(name: str, n: int, reference: str, expected: int) -> FieldError:
+    return FieldError(name, f"has {n} values, {reference} has {expected}", "send one value a row in every column")
+
+
+def _finite(samples: SamplesIn) -> Iterator[FieldError]:
+    for name, column in _named_columns(samples):
+        yield from _column_finite(name, column)
+
+
+def _column_finite(name: str, column: Float64Array) -> Iterator[FieldError]:
+    finite = np.isfinite(column)
+    if not finite.all():
+        i = int(finite.argmin())
+        word = "NaN" if np.isnan(column[i]) else "infinite"
+        yield FieldError(name, f"value {i} is {word}", "send finite numbers; leave samples without a reading out")
+
+
+def _size(t_ms: Float64Array, limits: UploadLimits) -> Iterator[FieldError]:
+    if len(t_ms) > limits.max_samples:
+        yield FieldError(
+            "samples.t_ms",
+            f"has {len(t_ms)} samples",
+            f"send at most {limits.max_samples} a {limits.what}; split longer recordings",
+        )
+
+
+def _time(t_ms: Float64Array, limits: UploadLimits) -> Iterator[FieldError]:
+    wrong_unit = _time_unit(t_ms)
+    if wrong_unit is not None:
+        yield wrong_unit
+        return
+    order = list(_not_increasing("samples.t_ms", t_ms))
+    yield from order
+    if order:
+        return
+    steps = np.diff(t_ms)
+    gaps = steps > MAX_GAP_S * 1000
+    if gaps.any():
+        i = int(gaps.argmax())
+        yield FieldError(
+            "samples.t_ms",
+            f"has a gap of {steps[i] / 1000:.2f} s after value {i}",
+            f"split the upload there; inside one {limits.what} at most {MAX_GAP_S:g} s may be missing",
+        )
+    duration_s = (t_ms[-1] - t_ms[0]) / 1000
+    if duration_s > limits.max_duration_s:
+        yield FieldError(
+            "samples.t_ms",
+            f"spans {duration_s:.1f} s",
+            f"send at most {limits.max_duration_s:g} s a {limits.what}; split longer recordings",
+        )
+
+
+def _time_unit(t_ms: Float64Array) -> FieldError | None:
+    first = t_ms[0]
+    if first >= _MICROSECONDS:
+        return FieldError("samples.t_ms", f"starts at {first:.0f}: looks like us or ns", "send Unix milliseconds")
+    # Seconds since 1970 tick in steps far below one; milliseconds of the same size (March 1970) would not.
+    if _EARLIEST_S <= first < _LATEST_S and len(t_ms) > 1 and 0 < (t_ms[-1] - first) / (len(t_ms) - 1) < 0.5:
+        return FieldError("samples.t_ms", f"starts at {first:.3f}: looks like seconds", "multiply by 1000")
+    return None
+
+
+def _not_increasing(name: str, t_ms: Float64Array) -> Iterator[FieldError]:
+    backwards = np.diff(t_ms) <= 0
+    if backwards.any():
+        i = int(backwards.argmax())
+        word = "repeats" if t_ms[i + 1] == t_ms[i] else "runs backwards"
+        yield FieldError(
+            name,
+            f"time {word} at value {i + 1} ({t_ms[i + 1]:.3f} after {t_ms[i]:.3f})",
+            "send each sample once, in time order",
+        )
+
+
+def _sensor(name: str, vector: VectorIn) -> Iterator[FieldError]:
+    rule = SENSORS[name]
+    magnitude = np.sqrt(vector.x**2 + vector.y**2 + vector.z**2)
+    field = f"samples.{name}"
+    wrong_unit = _sensor_unit(field, magnitude, rule)
+    if wrong_unit is not None:
+        yield wrong_unit
+        return
+    i = int(magnitude.argmax())
+    if magnitude[i] > rule.limit:
+        yield FieldError(
+            field,
+            f"sample {i} has {magnitude[i]:.4g} {rule.unit}",
+            f"no sample may exceed {rule.limit:g} {rule.unit}; check the unit, or leave disturbed samples out",
+        )
+
+
+def _sensor_unit(field: str, magnitude: Float64Array, rule: SensorRule) -> FieldError | None:
+    # "More than half of the samples" is the median without sorting.
+    half = len(magnitude) / 2
+    if rule.too_high is not None and np.count_nonzero(magnitude > rule.too_high) > half:
+        what, remedy = rule.high_phrase
+    elif rule.too_low is not None and np.count_nonzero(magnitude < rule.too_low) > half:
+        what, remedy = rule.low_phrase
+    else:
+        return None
+    return FieldError(field, f"median magnitude {np.median(magnitude):.4g} {rule.unit}: {what}", remedy)
+
+
+def _waypoint_time(waypoint_ms: Float64Array, t_ms: Float64Array) -> Iterator[FieldError]:
+    slack = WAYPOINT_SLACK_S * 1000
+    outside = (waypoint_ms < t_ms[0] - slack) | (waypoint_ms > t_ms[-1] + slack)
+    if outside.any():
+        i = int(outside.argmax())
+        yield FieldError(
+            "waypoints.t_ms",
+            f"waypoint {i} ({waypoint_ms[i]:.0f}) is more than {WAYPOINT_SLACK_S:g} s outside the samples' time "
+            f"({t_ms[0]:.0f} to {t_ms[-1]:.0f})",
+            "give waypoints of this walk, on the same clock as the samples",
+        )
+
+
+def _outside(name: str, values: Float64Array, low: float, high: float) -> Iterator[FieldError]:
+    outside = (values < low - WAYPOINT_SLACK_M) | (values > high + WAYPOINT_SLACK_M)
+    if outside.any():
+        i = int(outside.argmax())
+        yield FieldError(
+            name,
+            f"waypoint {i} lies at {values[i]:.1f} m, more than {WAYPOINT_SLACK_M:g} m outside the level "
+            f"({low:g} to {high:g} m)",
+            "give metres in the level's frame, or correct the level's extent",
+        )

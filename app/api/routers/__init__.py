@@ -1,0 +1,37 @@
+"""One router a noun."""
+
+from app.api.routers import (
+    devices,
+    health,
+    jobs,
+    keys,
+    levels,
+    locate,
+    maps,
+    methods,
+    positions,
+    segments,
+    sessions,
+    stats,
+    surveys,
+    venues,
+)
+
+ROUTERS = (
+    health.router,
+    venues.router,
+    levels.router,
+    devices.router,
+    surveys.router,
+    maps.router,
+    sessions.router,
+    segments.router,
+    positions.router,
+    locate.router,
+    jobs.router,
+    methods.router,
+    keys.router,
+    stats.router,
+)
+
+__all__ = ["ROUTERS"]

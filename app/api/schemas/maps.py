@@ -1,0 +1,165 @@
+"""Maps: requests to build them, versions, coverage."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from typing import Annotated, Any, Self
+
+from pydantic import Field
+
+from app.api.schemas.base import IdRef, In, Number, Out, PageOut, Time, example
+from app.api.schemas.levels import LEVEL_ID
+from app.api.schemas.surveys import SURVEY_ID, WALK_ID
+from app.engine.types import FeatureSet, MapBuildSettings, WalkReport
+from app.services import records
+
+MAP_ID = "map_019ab2c4d1e07f3a9b2c4d5e6f"
+_DEFAULTS = MapBuildSettings()
+_REPORT = {
+    "walk_id": WALK_ID,
+    "n_steps": 118,
+    "length_m": 71.3,
+    "offset": [1.2, -0.4, 2.1],
+    "residual_rms": 2.9,
+    "rejected": None,
+}
+_MAP = {
+    "id": MAP_ID,
+    "level_id": LEVEL_ID,
+    "version": 3,
+    "parent_id": None,
+    "hash": "5f0c9a2d0d8a9e1d9a0a2b3c4d5e6f708192a3b4c5d6e7f8091a2b0b1a6f0f5f",
+    "features": "vector",
+    "x0": -5.0,
+    "y0": -5.0,
+    "cell_m": 0.5,
+    "rows": 181,
+    "columns": 261,
+    "mapped_m": 1.5,
+    "noise_sd": [2.1, 2.2, 2.6],
+    "mapped_share": 0.42,
+    "mapped_area_m2": 4960.0,
+    "n_walks": 12,
+    "n_samples": 31200,
+    "length_scale_m": 3.4,
+    "field_sd": [5.9, 6.1, 7.2],
+    "walks": [_REPORT],
+    "build_s": 1.9,
+    "created_at": "2026-11-22T09:30:00.000Z",
+}
+COVERAGE_EXAMPLE: dict[str, Any] = {
+    "map_id": MAP_ID,
+    "rows": 2,
+    "columns": 4,
+    "x0": 0.0,
+    "y0": 0.0,
+    "cell_m": 0.5,
+    "mapped_m": 1.5,
+    "mapped_share": 0.5,
+    "mapped_area_m2": 1.0,
+    "runs": [1, 3, 3, 1],
+}
+
+
+class MapIn(In):
+    """A map to build."""
+
+    model_config = example({"level_id": LEVEL_ID, "survey_ids": [SURVEY_ID], "features": "vector", "cell_m": 0.5})
+
+    level_id: IdRef
+    survey_ids: Annotated[
+        tuple[IdRef, ...], Field(max_length=1000, description="Surveys to build from; empty: all of the level.")
+    ] = ()
+    features: Annotated[FeatureSet, Field(description="Field components the map holds.")] = _DEFAULTS.features
+    cell_m: Annotated[Number, Field(ge=0.1, le=10, description="Distance of nodes.")] = _DEFAULTS.cell_m
+    mapped_m: Annotated[
+        Number, Field(ge=0.1, le=20, description="A node with a survey sample this near counts as mapped.")
+    ] = _DEFAULTS.mapped_m
+
+
+class WalkReportOut(Out):
+    """What map building found out about one survey walk."""
+
+    walk_id: str
+    n_steps: int
+    length_m: float
+    offset: Annotated[list[float], Field(description="Estimated field offset of the walk, body frame, uT.")]
+    residual_rms: Annotated[float, Field(description="uT.")]
+    rejected: Annotated[str | None, Field(description="Why the walk was left out, if it was.")]
+
+    @classmethod
+    def of(cls, report: WalkReport) -> Self:
+        """Show a report."""
+        return cls(
+            walk_id=report.walk_id,
+            n_steps=report.n_steps,
+            length_m=report.length_m,
+            offset=list(report.offset),
+            residual_rms=report.residual_rms,
+            rejected=report.rejected,
+        )
+
+
+class MapOut(Out):
+    """A finished map version, without its cells. Node `[r, c]` lies at `(x0 + c*cell_m, y0 + r*cell_m)`."""
+
+    model_config = example(_MAP)
+
+    id: str
+    level_id: str
+    version: int
+    parent_id: str | None
+    hash: Annotated[str, Field(description="Of the content: equal maps have equal hashes.")]
+    features: FeatureSet
+    x0: float
+    y0: float
+    cell_m: float
+    rows: int
+    columns: int
+    mapped_m: float
+    noise_sd: Annotated[list[float], Field(description="Repeatability of the field per channel, uT.")]
+    mapped_share: float
+    mapped_area_m2: float
+    n_walks: int
+    n_samples: int
+    length_scale_m: float
+    field_sd: list[float]
+    walks: list[WalkReportOut]
+    build_s: float
+    created_at: Time
+
+    @classmethod
+    def of(cls, info: records.MapInfo) -> Self:
+        """Show a map version."""
+        plain = {item.name: getattr(info, item.name) for item in fields(info)}
+        lists = {
+            "noise_sd": list(info.noise_sd),
+            "field_sd": list(info.field_sd),
+            "walks": [WalkReportOut.of(report) for report in info.walks],
+        }
+        return cls(**{**plain, **lists})
+
+
+class MapPage(PageOut):
+    """Map versions, newest first."""
+
+    model_config = example({"items": [_MAP], "next_cursor": None})
+
+    items: list[MapOut]
+
+
+class CoverageOut(Out):
+    """Which nodes are mapped. `runs` are lengths of alternating runs, row by row from row 0, unmapped first."""
+
+    model_config = example(COVERAGE_EXAMPLE)
+
+    map_id: str
+    rows: int
+    columns: int
+    x0: float
+    y0: float
+    cell_m: float
+    mapped_m: float
+    mapped_share: float
+    mapped_area_m2: float
+    runs: list[int]

@@ -1,0 +1,106 @@
+"""From the bytes of an upload to engine types: decode, check, turn into the body frame, hash."""
+
+from __future__ import annotations
+
+import hashlib
+from typing import Any, TypeVar
+
+import numpy as np
+from pydantic import ValidationError
+
+from app.api.body import decode
+from app.api.errors import RejectedError
+from app.api.frames import to_android
+from app.api.plausibility import (
+    SEGMENT_LIMITS,
+    WALK_LIMITS,
+    Extent,
+    UploadLimits,
+    check_samples,
+    check_waypoints,
+    check_wifi,
+)
+from app.api.schemas.base import In
+from app.api.schemas.samples import Frame, SamplesIn, SegmentIn, VectorIn, WalkIn, WifiIn
+from app.api.validation import field_errors
+from app.engine.types import Float64Array, ImuSamples, RadioScans, Waypoints
+from app.services.records import NewSegment, NewWalk
+
+Model = TypeVar("Model", bound=In)
+
+
+def parse(body: bytes, kind: str, model: type[Model]) -> Model:
+    """Decode a body and check its envelope; RejectedError names every field that does not fit."""
+    value: Any = decode(body, kind)
+    try:
+        return model.model_validate(value)
+    except ValidationError as error:
+        raise RejectedError(field_errors(error.errors(include_url=False, include_input=False))) from error
+
+
+def new_segment(upload: SegmentIn) -> NewSegment:
+    """Check a segment and turn it into what the services take."""
+    samples, wifi = checked_samples(upload.samples, upload.wifi, upload.frame, SEGMENT_LIMITS)
+    return NewSegment(seq=upload.seq, samples=samples, content_hash=content_hash(samples, wifi), wifi=wifi)
+
+
+def new_walk(upload: WalkIn, extent: Extent) -> NewWalk:
+    """Check a survey walk on a level of this extent and turn it into what the services take.
+
+    The hash covers what was measured, not how the walk is called: a repeated upload under another name is the
+    same walk.
+    """
+    samples, wifi = checked_samples(upload.samples, upload.wifi, upload.frame, WALK_LIMITS)
+    check_waypoints(upload.waypoints, upload.samples.t_ms, extent)
+    waypoints = Waypoints(upload.waypoints.t_ms / 1000.0, upload.waypoints.x, upload.waypoints.y)
+    return NewWalk(
+        name=upload.name,
+        samples=samples,
+        waypoints=waypoints,
+        content_hash=content_hash(samples, wifi, waypoints),
+        wifi=wifi,
+        device_id=upload.device_id,
+    )
+
+
+def checked_samples(
+    upload: SamplesIn, wifi: WifiIn | None, frame: Frame, limits: UploadLimits
+) -> tuple[ImuSamples, RadioScans | None]:
+    """Check and convert the samples and aids of any upload."""
+    check_samples(upload, limits)
+    samples = ImuSamples(
+        t=upload.t_ms / 1000.0,
+        mag=_rows(upload.mag, frame),
+        acc=_rows(upload.acc, frame, specific_force=True),
+        gyro=_rows(upload.gyro, frame),
+    )
+    if wifi is None or (not len(wifi.t_ms) and not wifi.bssid and not len(wifi.rssi)):
+        return samples, None
+    check_wifi(wifi)
+    return samples, RadioScans(t=wifi.t_ms / 1000.0, address=wifi.bssid, rssi=wifi.rssi)
+
+
+def content_hash(samples: ImuSamples, wifi: RadioScans | None, waypoints: Waypoints | None = None) -> str:
+    """SHA-256 of the columns as stored, so that JSON, msgpack and every frame of the same readings agree."""
+    digest = hashlib.sha256(b"isodyn-upload-1")
+    _update(digest, samples.t)
+    for rows in (samples.mag, samples.acc, samples.gyro):
+        _update(digest, rows.astype("<f4"))
+    if wifi is not None:
+        _update(digest, wifi.t)
+        _update(digest, wifi.rssi.astype("<f4"))
+        digest.update("\x00".join(wifi.address).encode())
+    if waypoints is not None:
+        for column in (waypoints.t, waypoints.x, waypoints.y):
+            _update(digest, column)
+    return digest.hexdigest()
+
+
+def _update(digest: Any, column: np.ndarray[Any, Any]) -> None:
+    # The length keeps columns of different splits apart.
+    digest.update(column.size.to_bytes(8, "little"))
+    digest.update(np.ascontiguousarray(column).tobytes())
+
+
+def _rows(vector: VectorIn, frame: Frame, *, specific_force: bool = False) -> Float64Array:
+    return to_android(np.stack((vector.x, vector.y, vector.z)), frame, specific_force=specific_force)

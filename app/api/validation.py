@@ -1,0 +1,71 @@
+"""From pydantic's errors to field, message and remedy."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+_SOURCES = frozenset({"body", "query", "path", "header"})
+
+_REMEDIES: Mapping[str, str] = {
+    "missing": "add this field",
+    "extra_forbidden": "remove it or correct its name; unknown fields are not taken",
+    "enum": "send one of the values named in the message",
+    "literal_error": "send one of the values named in the message",
+    "finite_number": "send a finite number",
+    "json_invalid": "send valid JSON",
+    "model_type": "send an object",
+    "model_attributes_type": "send an object",
+    "dict_type": "send an object",
+    "list_type": "send an array",
+    "tuple_type": "send an array",
+    "string_type": "send a string",
+    "string_unicode": "send valid Unicode",
+    "string_too_short": "send a longer string",
+    "string_too_long": "send a shorter string",
+    "string_pattern_mismatch": "send a string of the form named in the message",
+    "bool_type": "send true or false",
+    "int_type": "send an integer",
+    "int_parsing": "send an integer",
+    "int_from_float": "send an integer",
+    "float_type": "send a number",
+    "float_parsing": "send a number",
+    "too_short": "send more values",
+    "too_long": "send fewer values",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class FieldError:
+    """One field that cannot be accepted: where it is, what is wrong, what would be accepted."""
+
+    field: str
+    message: str
+    remedy: str
+
+
+def field_path(location: Sequence[str | int]) -> str:
+    """Join a location: ``("body", "survey_ids", 0)`` is ``survey_ids.0``."""
+    parts = location[1:] if location and location[0] in _SOURCES else location
+    return ".".join(str(part) for part in parts) or "body"
+
+
+def field_errors(errors: Sequence[Mapping[str, Any]]) -> tuple[FieldError, ...]:
+    """Translate pydantic's error list."""
+    return tuple(_field_error(error) for error in errors)
+
+
+def _field_error(error: Mapping[str, Any]) -> FieldError:
+    kind = str(error["type"])
+    message = str(error["msg"])
+    context = error.get("ctx") or {}
+    remedy = str(context.get("remedy", "")) or _remedy(kind, context)
+    return FieldError(field_path(error["loc"]), message[:1].lower() + message[1:], remedy)
+
+
+def _remedy(kind: str, context: Mapping[str, Any]) -> str:
+    for bound, words in (("ge", "at least"), ("gt", "more than"), ("le", "at most"), ("lt", "less than")):
+        if bound in context:
+            return f"send a value of {words} {context[bound]}"
+    return _REMEDIES.get(kind, "correct the value; /docs shows what is taken")
