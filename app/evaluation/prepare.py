@@ -13,10 +13,11 @@ from pathlib import Path
 import numpy as np
 
 import app.engine
-from app.engine.errors import MapError
+from app.engine.errors import EngineError
 from app.engine.inertial import detect_steps
-from app.engine.mapping import build_map
+from app.engine.mapping import FloorPlan, build_map
 from app.engine.types import FeatureSet, GridMap, MapBuildSettings, SurveyWalk
+from app.evaluation.datasets.plans import GeoJson
 from app.evaluation.truth import SurveyedArea, survey_track
 
 
@@ -54,6 +55,7 @@ class PrepareTask:
     settings: MapBuildSettings
     cache: Path | None = None
     with_map: bool = True
+    vector_plan: GeoJson | None = None
 
 
 def prepare_level(task: PrepareTask) -> PreparedLevel:
@@ -66,8 +68,9 @@ def prepare_level(task: PrepareTask) -> PreparedLevel:
         return PreparedLevel(task.name, load_map(cached), area, len(task.walks))
     began = time.perf_counter()
     try:
-        grid_map = build_map(task.name, task.walks, task.settings).grid_map
-    except MapError as error:
+        plan = None if task.vector_plan is None else FloorPlan.from_geojson(task.vector_plan)
+        grid_map = build_map(task.name, task.walks, task.settings, plan=plan).grid_map
+    except EngineError as error:
         return PreparedLevel(task.name, None, area, len(task.walks), problem=str(error))
     build_s = time.perf_counter() - began
     if cached:
@@ -85,7 +88,9 @@ def surveyed_area(walks: Sequence[SurveyWalk]) -> SurveyedArea:
 def map_key(task: PrepareTask) -> str:
     """SHA-256 of all that a map depends on: level, settings, walks and the engine's source."""
     digest = hashlib.sha256(engine_hash().encode())
-    settings = asdict(task.settings) | {"level": task.name, "walks": [walk.walk_id for walk in task.walks]}
+    settings = asdict(task.settings) | {
+        "level": task.name, "walks": [walk.walk_id for walk in task.walks], "plan": task.vector_plan
+    }  # fmt: skip
     digest.update(json.dumps(settings, sort_keys=True).encode())
     for walk in task.walks:
         samples, waypoints = walk.samples, walk.waypoints
@@ -117,6 +122,7 @@ def save_map(grid_map: GridMap, path: Path) -> None:
             mean=grid_map.mean,
             sd=grid_map.sd,
             support=grid_map.support,
+            obstacle=np.zeros(grid_map.shape, np.float32) if grid_map.obstacle is None else grid_map.obstacle,
         )
     temporary.replace(path)
 
@@ -136,4 +142,5 @@ def load_map(path: Path) -> GridMap:
             support=content["support"],
             mapped_m=header["mapped_m"],
             noise_sd=tuple(header["noise_sd"]),
+            obstacle=content["obstacle"],
         )

@@ -133,7 +133,10 @@ def _check_method(engine: Engine, options: EvaluationOptions) -> None:
 def _through_engine(levels: Sequence[Ilc20Level], options: EvaluationOptions, engine: Engine, say: Progress) -> _Run:
     engine.warm_up()
     tasks = [
-        PrepareTask(level.name, _survey_walks(level, options), options.map_settings, options.cache) for level in levels
+        PrepareTask(
+            level.name, _survey_walks(level, options), options.map_settings, options.cache, vector_plan=level.vector_plan
+        )
+        for level in levels
     ]
     with _pool(options.jobs, engine.warm_up) as pool:
         prepared = _map(pool, engine.prepare, tasks, lambda done, n: say(0.3 * done / n, f"map {done} of {n}"))

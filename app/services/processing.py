@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Sequence
 from datetime import datetime
 
+from app.engine.mapping import FloorPlan
 from app.engine.types import Fix
 from app.services.base import Service
 from app.services.clock import Clock
@@ -66,7 +68,9 @@ class ProcessingService(Service):
         with self._uow() as uow:
             build = uow.maps.get_build(job.id)
             walks = uow.surveys.load_walks(build.level_id, build.survey_ids)
-        return BuildSpec(level_id=build.level_id, walks=tuple(walks), settings=build.settings)
+            drawn = uow.levels.vector_plan(build.level_id)
+        plan = None if drawn is None else FloorPlan.from_geojson(json.loads(drawn))
+        return BuildSpec(level_id=build.level_id, walks=tuple(walks), settings=build.settings, plan=plan)
 
     def complete_locate(self, job: Job, result: LocateResult) -> Job | None:
         """Store fixes, new state and the job's end together; None if the job no longer runs in this attempt.

@@ -10,6 +10,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+from app.engine.mapping import FloorPlan
 from app.engine.types import Fix, MapBuild, MapBuildSettings, Prior, Progress, Segment, SurveyWalk, TrackerState
 
 
@@ -51,6 +52,7 @@ class BuildSpec:
     level_id: str
     walks: tuple[SurveyWalk, ...]
     settings: MapBuildSettings
+    plan: FloorPlan | None = None
 
 
 @dataclass(frozen=True, slots=True)

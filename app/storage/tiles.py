@@ -1,7 +1,7 @@
 """Maps as content-hashed tiles.
 
-A tile is 64 x 64 cells (less at the far edges) of all layers (means, standard deviations, support), little-endian
-float32, stored as zlib-compressed byte planes. Hashes cover the *uncompressed* values, so equal content has
+A tile is 64 x 64 cells (less at the far edges) of all layers (means, standard deviations, support, depth in
+obstacles: zero without a plan), little-endian float32, stored as zlib-compressed byte planes. Hashes cover the *uncompressed* values, so equal content has
 one hash whatever zlib packed it; a tile that two map versions have in common is stored once. A map's hash covers its
 header and its tiles' hashes.
 """
@@ -40,8 +40,8 @@ class MapHeader:
 
     @property
     def n_layers(self) -> int:
-        """Mean and sd of each channel, and support."""
-        return 2 * len(self.features.channels) + 1
+        """Mean and sd of each channel, support, obstacle."""
+        return 2 * len(self.features.channels) + 2
 
     def to_json(self) -> str:
         """Stable text: equal headers give equal text."""
@@ -73,8 +73,10 @@ def header_of(grid_map: GridMap) -> MapHeader:
 
 
 def stack_layers(grid_map: GridMap) -> Float32Array:
-    """Means, standard deviations, support as one array, shape (layers, rows, columns)."""
-    return np.concatenate([grid_map.mean, grid_map.sd, grid_map.support[np.newaxis]]).astype("<f4", copy=False)
+    """Means, standard deviations, support, obstacle as one array, shape (layers, rows, columns)."""
+    obstacle = np.zeros(grid_map.shape, dtype=np.float32) if grid_map.obstacle is None else grid_map.obstacle
+    last = np.stack([grid_map.support, obstacle])
+    return np.concatenate([grid_map.mean, grid_map.sd, last]).astype("<f4", copy=False)
 
 
 def split_layers(header: MapHeader, layers: Float32Array) -> GridMap:
@@ -93,6 +95,7 @@ def split_layers(header: MapHeader, layers: Float32Array) -> GridMap:
         support=layers[2 * channels],
         mapped_m=header.mapped_m,
         noise_sd=header.noise_sd,
+        obstacle=layers[2 * channels + 1],
     )
 
 

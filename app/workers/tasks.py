@@ -87,5 +87,5 @@ class LocateSegment:
 def build_level_map(spec: BuildSpec, progress: Progress) -> BuildResult:
     """Build a level's map from its survey walks."""
     started = time.thread_time()
-    build = build_map(spec.level_id, spec.walks, spec.settings, progress)
+    build = build_map(spec.level_id, spec.walks, spec.settings, progress, plan=spec.plan)
     return BuildResult(build=build, cpu_s=time.thread_time() - started)
