@@ -1,0 +1,28 @@
+"""Errors of the command line.
+
+::
+
+    CommandError
+    ├── InputFileError     a file that cannot be read as what it should be (names it)
+    └── StartError         the service did not come up (carries what it said)
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+
+class CommandError(Exception):
+    """Base of the errors a command reports itself."""
+
+
+class InputFileError(CommandError):
+    """A file that is not what it should be."""
+
+    def __init__(self, path: Path, message: str) -> None:
+        super().__init__(f"{path}: {message}")
+        self.path = path
+
+
+class StartError(CommandError):
+    """The service did not come up."""

@@ -1,0 +1,121 @@
+"""``isodyn locate``: one stretch of samples from a file."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from app.cli.common import DEFAULT_URL, Key, Url, connect, print_table, reported
+
+if TYPE_CHECKING:
+    import isodyn_client as isodyn
+
+_CSV_COLUMNS = ("t_ms", "mx", "my", "mz", "ax", "ay", "az", "gx", "gy", "gz")
+
+
+@reported
+def locate(
+    file: Annotated[Path, typer.Argument(help="Samples, .csv or .json.")],
+    level: Annotated[str, typer.Option(help="Id of the level (lvl_...).")],
+    x: Annotated[float | None, typer.Option(help="Where it began, plan metres; without x and y: anywhere.")] = None,
+    y: Annotated[float | None, typer.Option(help="Where it began, plan metres.")] = None,
+    radius: Annotated[float, typer.Option(help="How far from (x, y) it may have begun, metres.")] = 3.0,
+    heading: Annotated[
+        float | None, typer.Option(help="Direction of the device's y axis, degrees counter-clockwise from +x.")
+    ] = None,
+    method: Annotated[str | None, typer.Option(help="Positioning method.", show_default="the service's")] = None,
+    frame: Annotated[str, typer.Option(help="Sensor axes of a .csv: android, ios, frd or flu.")] = "android",
+    output: Annotated[Path | None, typer.Option("--json", help="Write the fixes here, as columns.")] = None,
+    url: Url = DEFAULT_URL,
+    key: Key = None,
+) -> None:
+    """Locate one stretch of samples (at most 60 s), without a session; nothing is stored.
+
+    .csv: columns t_ms (Unix ms), mx my mz (uT), ax ay az (m/s^2, gravity included), gx gy gz (rad/s), in any order.
+    .json: the body of POST /v1/sessions/ID/segments: an object "samples" with t_ms and mag, acc, gyro of x, y, z.
+
+    Example:  isodyn locate walk.csv --level lvl_... --x 12.5 --y 40
+    """
+    import isodyn_client as isodyn
+
+    if (x is None) != (y is None):
+        raise typer.BadParameter("give both --x and --y, or neither")
+    samples = read_samples(file, frame)
+    prior = isodyn.Prior(x=x, y=y, radius_m=radius, heading_deg=heading)
+    with connect(url, key) as client:
+        result = client.locate(level, samples, method=method, prior=prior)
+    fixes = result.fixes
+    if output:
+        output.write_text(json.dumps(_columns(fixes)))
+    ellipses = [fixes.ellipse95(i) for i in range(len(fixes))]
+    print_table(
+        ("t (s)", "x (m)", "y (m)", "95 % ellipse (m)", "status", "sure"),
+        [
+            (
+                f"{(fixes.t_ms[i] - samples.t_ms[0]) / 1000:.2f}",
+                f"{fixes.x[i]:.2f}",
+                f"{fixes.y[i]:.2f}",
+                f"{ellipses[i].semi_major_m:.1f} x {ellipses[i].semi_minor_m:.1f}",
+                fixes.status[i].value,
+                "yes" if fixes.sure[i] else "no",
+            )
+            for i in range(len(fixes))
+        ],
+        empty="no fixes: the samples are too short for a single step",
+    )
+
+
+def read_samples(file: Path, frame: str) -> isodyn.Samples:
+    """Samples of a .csv or .json file."""
+    from app.cli.errors import InputFileError
+
+    readers = {".csv": _read_csv, ".json": _read_json}
+    if file.suffix.lower() not in readers:
+        raise InputFileError(file, "name a .csv or a .json file")
+    try:
+        return readers[file.suffix.lower()](file, frame)
+    except (KeyError, TypeError, ValueError) as error:
+        raise InputFileError(file, f"is not in the expected form ({error})") from error
+
+
+def _read_csv(file: Path, frame: str) -> isodyn.Samples:
+    import csv
+
+    import isodyn_client as isodyn
+    import numpy as np
+
+    with file.open(newline="") as source:
+        rows = list(csv.DictReader(source, skipinitialspace=True))
+    missing = [name for name in _CSV_COLUMNS if not rows or name not in rows[0]]
+    if missing:
+        raise ValueError(f"lacks the columns {', '.join(missing)}")
+    table = np.array([[float(row[name]) for name in _CSV_COLUMNS] for row in rows])
+    return isodyn.Samples(table[:, 0], table[:, 1:4], table[:, 4:7], table[:, 7:10], frame)
+
+
+def _read_json(file: Path, frame: str) -> isodyn.Samples:
+    import isodyn_client as isodyn
+    import numpy as np
+
+    body: dict[str, Any] = json.loads(file.read_text())
+    samples = body.get("samples", body)
+
+    def vectors(sensor: str) -> Any:
+        return np.column_stack([samples[sensor][axis] for axis in "xyz"])
+
+    return isodyn.Samples(samples["t_ms"], vectors("mag"), vectors("acc"), vectors("gyro"), body.get("frame", frame))
+
+
+def _columns(fixes: isodyn.Fixes) -> dict[str, list[Any]]:
+    names = ("t_ms", "x", "y", "cov_xx", "cov_xy", "cov_yy", "heading_deg", "quality", "sure")
+    columns = {name: getattr(fixes, name).tolist() for name in names}
+    walk_on = [None if value != value else value for value in fixes.walk_on_m.tolist()]  # noqa: PLR0124  # NaN
+    return {
+        **columns,
+        "status": [s.value for s in fixes.status],
+        "walk_on_m": walk_on,
+        "level_id": list(fixes.level_id),
+    }

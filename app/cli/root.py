@@ -1,0 +1,50 @@
+"""All commands under one name."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from app.cli import database, demo, evaluate, keys, locate, maps, replay, serve, surveys
+from app.cli.common import NAMED
+
+app = typer.Typer(
+    name="isodyn",
+    help="Isodyn: open network-side geomagnetic positioning.\n\n"
+    "Try it:  isodyn demo   ·   run it:  isodyn serve   ·   then: survey, map, locate, replay, evaluate.\n\n"
+    "Commands that talk to a service take its address from --url or ISODYN_URL and the API key from --key or "
+    "ISODYN_KEY.",
+    context_settings=NAMED,
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+)
+app.command("serve")(serve.serve)
+app.command("demo")(demo.demo)
+app.add_typer(surveys.app, name="survey")
+app.add_typer(maps.app, name="map")
+app.command("locate")(locate.locate)
+app.command("replay")(replay.replay)
+app.add_typer(evaluate.app, name="evaluate")
+app.add_typer(keys.app, name="keys")
+app.add_typer(database.app, name="db")
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        from importlib.metadata import PackageNotFoundError, version
+
+        try:
+            typer.echo(f"isodyn {version('isodyn')}")
+        except PackageNotFoundError:
+            typer.echo("isodyn (source tree)")
+        raise typer.Exit
+
+
+@app.callback()
+def root(
+    version: Annotated[bool, typer.Option("--version", callback=_version, is_eager=True, help="Show the version.")] = (
+        False
+    ),
+) -> None:
+    """Take the options that stand before the command."""

@@ -1,0 +1,84 @@
+"""Recorded walks as sessions of a service, scored against their labels."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from app.cli.transport import ServiceTransport
+from app.engine.types import Progress
+from app.evaluation.datasets.ilc20 import Ilc20Level, RecordedWalk
+from app.evaluation.drivers import HttpDriver
+from app.evaluation.plots import Backdrop, plot_report
+from app.evaluation.prepare import surveyed_area
+from app.evaluation.protocol import Aids, Scenario, Through
+from app.evaluation.replay import Job, replay_walks
+from app.evaluation.report import BASELINE, Dropped, Report, WalkResult
+from app.evaluation.run import SET_NAME
+
+
+def replay_trips(
+    transport: ServiceTransport,
+    data: Ilc20Level,
+    level_id: str,
+    walks: Sequence[RecordedWalk],
+    *,
+    method: str,
+    done: Callable[[RecordedWalk], None],
+) -> Report:
+    """Replay walks one after the other, dead reckoning beside each.
+
+    Parameters
+    ----------
+    transport : ServiceTransport
+    data : Ilc20Level
+        Where the walks come from; its train walks tell which part of the level is surveyed.
+    level_id : str
+        The level of the service.
+    walks : sequence of RecordedWalk
+    method : str
+        Empty: the service's default.
+    done : callable
+        Told of each walk when it is through.
+    """
+    area = surveyed_area([walk.survey_walk() for walk in data.walks("train")])
+    driver = HttpDriver(transport, method, {})
+    baseline = HttpDriver(transport, BASELINE, {})
+    results: list[WalkResult | Dropped] = []
+    for walk in walks:
+        job = Job(data.name, level_id, (walk,), area, Scenario.TRACKING, Aids.NONE, repeat=0)
+        results += replay_walks(job, driver, baseline)
+        done(walk)
+    return Report(
+        set_name=SET_NAME,
+        scenario=Scenario.TRACKING,
+        aids=Aids.NONE,
+        through=Through.HTTP,
+        method=method or "isodyn",
+        levels=(data.name,),
+        walks=tuple(result for result in results if isinstance(result, WalkResult)),
+        dropped=tuple(result for result in results if isinstance(result, Dropped)),
+    )
+
+
+def plot_trips(
+    transport: ServiceTransport, data: Ilc20Level, level_id: str, report: Report, folder: Path, progress: Progress
+) -> list[Path]:
+    """One plot a walk over plan and map field, and the distribution of the errors."""
+    backdrop = Backdrop(data.extent, data.plan_png_path, transport.field_raster(level_id))
+    return plot_report(report, {data.name: backdrop}, folder, progress)
+
+
+def verdict(report: Report) -> str:
+    """The walks together, in a sentence or two."""
+    own, base = report.summary(), report.baseline_summary()
+    if own.p50 is None or own.p90 is None:
+        return "no walk was long enough to be scored"
+    text = f"{own.n_walks} walks together: error {own.p50:.1f} m (p50), {own.p90:.1f} m (p90)"
+    if base.p50 is not None and base.p90 is not None:
+        text += f"; dead reckoning {base.p50:.1f} m, {base.p90:.1f} m"
+    if own.ellipse95 is not None:
+        text += f"\ntruth inside the 95 % ellipse at {100 * own.ellipse95:.0f} % of the steps"
+    if own.ms_per_segment is not None:
+        text += f"; {own.ms_per_segment:.0f} ms per 5-s segment, HTTP and database included"
+    return text
