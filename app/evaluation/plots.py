@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.image import imread
 from matplotlib.patches import Ellipse
@@ -25,6 +26,8 @@ TRUTH, FIXES, BASELINE, SMOOTHED = "#111111", "#c2185b", "#8d8d8d", "#00796b"
 _FIELD_COLOURS = "viridis"
 _MARGIN_M = 8.0
 _SHORTEST_SIDE_M = 30.0
+_FLATTEST, _TALLEST = 0.45, 1.25
+"""Height of a plot over its width."""
 _DPI = 110
 _WIDTH_IN = 9.0
 _CDF_TO_M = 15.0
@@ -79,7 +82,8 @@ def plot_walk(walk: WalkResult, backdrop: Backdrop, path: Path, *, method: str =
         f"{100 * walk.covered_share:.0f} % of the walk surveyed",
         fontsize=10, loc="left",
     )  # fmt: skip
-    axes.legend(loc="best", fontsize=8, framealpha=0.9)
+    # below the plan: inside it would hide some walk
+    figure.legend(loc="outside lower center", ncols=3, fontsize=8, frameon=False)
     return _save(figure, path)
 
 
@@ -129,7 +133,7 @@ def _draw_backdrop(figure: Any, axes: Any, backdrop: Backdrop) -> None:
         ),
         origin="lower", cmap=_FIELD_COLOURS, alpha=0.6, zorder=2, interpolation="nearest",
     )  # fmt: skip
-    bar = figure.colorbar(image, ax=axes, fraction=0.03, pad=0.02)
+    bar = figure.colorbar(image, cax=axes.inset_axes((1.015, 0.0, 0.02, 1.0)))
     bar.set_label(f"field magnitude in the map ({field.unit})", fontsize=8)
     bar.ax.tick_params(labelsize=7)
 
@@ -169,7 +173,16 @@ def ellipse95(fix: Fix) -> Any | None:
         return None
     minor, major = 2.0 * np.sqrt(ELLIPSE95 * values)
     angle = math.degrees(math.atan2(vectors[1, 1], vectors[0, 1]))
-    return Ellipse((fix.x, fix.y), major, minor, angle=angle, fc=FIXES, ec=FIXES, lw=0.6, alpha=0.14, zorder=3)
+    return Ellipse(
+        (fix.x, fix.y),
+        major,
+        minor,
+        angle=angle,
+        fc=(*to_rgb(FIXES), 0.05),
+        ec=(*to_rgb(FIXES), 0.75),
+        lw=0.8,
+        zorder=3,
+    )
 
 
 def _label(name: str, track: ScoredTrack) -> str:
@@ -187,15 +200,15 @@ def _view(walk: WalkResult) -> tuple[float, float, float, float]:
     x = np.concatenate((walk.truth.x, walk.waypoints.x, fix_x))
     y = np.concatenate((walk.truth.y, walk.waypoints.y, fix_y))
     x_low, x_high, y_low, y_high = x.min(), x.max(), y.min(), y.max()
-    width = max(x_high - x_low + 2 * _MARGIN_M, _SHORTEST_SIDE_M, 0.5 * (y_high - y_low))
-    height = max(y_high - y_low + 2 * _MARGIN_M, _SHORTEST_SIDE_M, 0.4 * width)
+    width, height = (max(side + 2 * _MARGIN_M, _SHORTEST_SIDE_M) for side in (x_high - x_low, y_high - y_low))
+    width, height = max(width, height / _TALLEST), max(height, width * _FLATTEST)
     x_mid, y_mid = (x_low + x_high) / 2, (y_low + y_high) / 2
     return (x_mid - width / 2, y_mid - height / 2, x_mid + width / 2, y_mid + height / 2)
 
 
 def _figure(height_by_width: float) -> tuple[Any, Any]:
     # not pyplot: that keeps every figure in global state
-    height = min(max(height_by_width, 0.4), 1.6) * _WIDTH_IN + 0.8
+    height = height_by_width * _WIDTH_IN + 0.8
     figure = Figure(figsize=(_WIDTH_IN, height), dpi=_DPI, layout="constrained")
     FigureCanvasAgg(figure)
     return figure, figure.add_subplot()

@@ -134,7 +134,11 @@ def _through_engine(levels: Sequence[Ilc20Level], options: EvaluationOptions, en
     engine.warm_up()
     tasks = [
         PrepareTask(
-            level.name, _survey_walks(level, options), options.map_settings, options.cache, vector_plan=level.vector_plan
+            level.name,
+            _survey_walks(level, options),
+            options.map_settings,
+            options.cache,
+            vector_plan=level.vector_plan,
         )
         for level in levels
     ]
