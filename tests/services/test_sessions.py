@@ -199,7 +199,7 @@ def test_unknown_sessions_and_segments_are_named(world: World) -> None:
     sessions, session = world.services.sessions, world.session()
     for read in (sessions.get, sessions.close, sessions.segments, sessions.positions):
         with pytest.raises(NotFoundError) as caught:
-            read("ses_none")  # type: ignore[operator]
+            read("ses_none")
         assert caught.value.kind == "session"
     with pytest.raises(NotFoundError):
         sessions.accept("ses_none", new_segment(0))

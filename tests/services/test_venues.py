@@ -76,5 +76,5 @@ def test_page_sizes_are_bounded(world: World, limit: int) -> None:
         services.accounts.list,
     ):
         with pytest.raises(InvalidError) as caught:
-            read(limit=limit)  # type: ignore[operator]
+            read(limit=limit)
         assert caught.value.field == "limit"

@@ -17,6 +17,8 @@ from app.storage import Database
 from app.storage.repositories.base import ReadOnlyTransactionError
 from tests.support.builders import START
 
+ROOT = Path(__file__).parents[2]
+
 
 @pytest.fixture
 def impatient(tmp_path: Path) -> Iterator[Database]:
@@ -121,7 +123,8 @@ def test_what_was_committed_survives_kill_9(tmp_path: Path) -> None:
         "    print(i, flush=True)\n"
     )
     path = tmp_path / "killed.db"
-    with subprocess.Popen([sys.executable, "-c", script, str(path)], stdout=subprocess.PIPE, text=True) as child:
+    command = [sys.executable, "-c", script, str(path)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, cwd=ROOT) as child:
         assert child.stdout is not None
         for _ in range(20):
             acknowledged = int(child.stdout.readline())

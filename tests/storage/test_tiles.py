@@ -87,7 +87,7 @@ def test_one_changed_cell_changes_the_hash_and_one_tile(layer: str) -> None:
     one = grid_map(rows=150, columns=150)
     changed = getattr(one, layer).copy()
     changed[..., 70, 140] += 1
-    before, after = pack_map(one), pack_map(replace(one, **{layer: changed}))  # type: ignore[arg-type]
+    before, after = pack_map(one), pack_map(replace(one, **{layer: changed}))
     assert before.hash != after.hash
     different = [new for old, new in zip(before.tiles, after.tiles, strict=True) if old.hash != new.hash]
     assert [(tile.row, tile.column) for tile in different] == [(1, 2)]

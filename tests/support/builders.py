@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import hashlib
+import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
+from functools import cache
 from pathlib import Path
 from typing import TypeVar
 
@@ -27,6 +29,7 @@ from app.engine.types import (
 )
 from app.services.container import Services, build_services
 from app.services.errors import InvalidError
+from app.services.ports import WorkerLostError
 from app.services.records import (
     Job,
     JobKind,
@@ -87,7 +90,10 @@ class CallingExecutor:
         on_progress: Progress | None = None,
     ) -> Future[Result]:
         future: Future[Result] = Future()
-        future.set_result(task(spec, on_progress or (lambda fraction, text: None)))
+        try:
+            future.set_result(task(spec, on_progress or (lambda fraction, text: None)))
+        except WorkerLostError as error:
+            future.set_exception(error)
         return future
 
     def close(self) -> None:
@@ -113,7 +119,7 @@ def _sensor(rng: np.random.Generator, n: int, mean: tuple[float, float, float], 
 def scans(n: int = 6, *, t0: float = T0) -> RadioScans:
     """Radio scans in which each access point comes twice."""
     address = tuple(f"02:00:00:00:00:{i % 3:02x}" for i in range(n))
-    return RadioScans(t=t0 + np.arange(n) * 0.3, address=address, rssi=-40.0 - np.arange(n))
+    return RadioScans(t=t0 + np.linspace(0.0, 1.5, n), address=address, rssi=np.linspace(-40.0, -60.0, n))
 
 
 def new_segment(seq: int = 0, *, n: int = 250, seed: int | None = None, wifi: RadioScans | None = None) -> NewSegment:
@@ -204,6 +210,16 @@ def check_known_method(method: str, parameters: Mapping[str, object]) -> None:
         raise InvalidError(f"parameters.{name}", "is unknown", "see GET /v1/methods/particle")
 
 
+@cache
+def _empty_database() -> bytes:
+    """A migrated database file: migrating anew takes longer than most tests."""
+    with tempfile.TemporaryDirectory() as folder:
+        database = Database.at(Path(folder) / "empty.db")
+        database.migrate()
+        database.close()  # the last connection to leave moves the log into the file
+        return (Path(folder) / "empty.db").read_bytes()
+
+
 @dataclass
 class World:
     """All services over a database file, and what tests look at beside them."""
@@ -217,21 +233,23 @@ class World:
     @classmethod
     def at(cls, folder: Path, *, max_queued: int = 1000) -> World:
         """Open (or create) the world in a folder; opening it again is what a restart does."""
-        database = Database.at(folder / "isodyn.db")
-        database.migrate()
-        cache = FileMapCache(folder / "maps")
+        path = folder / "isodyn.db"
+        if not path.exists():
+            path.write_bytes(_empty_database())
+        database = Database.at(path)
+        map_cache = FileMapCache(folder / "maps")
         clock, listener = SteppingClock(), RecordingListener()
         services = build_services(
             uow=database,
             clock=clock,
             executor=CallingExecutor(),
-            cache=cache,
+            cache=map_cache,
             listener=listener,
             locate_task=answer_locate,
             max_queued=max_queued,
             check=check_known_method,
         )
-        return cls(database, cache, clock, listener, services)
+        return cls(database, map_cache, clock, listener, services)
 
     def close(self) -> None:
         self.database.close()

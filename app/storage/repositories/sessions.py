@@ -25,6 +25,7 @@ _NOW: BindParameter[Any] = bindparam("now")
 _SEGMENT_KEY = (segments.c.session_id == _ID, segments.c.seq == _SEQ)
 
 _GET = select(sessions).where(sessions.c.id == _ID)
+_GET_LOCKED = _GET.with_for_update()  # two writers of one session take turns; SQLite's take turns anyway
 _INSERT = insert(sessions)
 _ADVANCE = (
     update(sessions)
@@ -80,8 +81,9 @@ class SqlSessionRepository(Repository):
         )
 
     def get(self, session_id: str) -> Session:
-        """One session."""
-        return _session(self._one("session", session_id, _GET, {"session": session_id}))
+        """One session; in a writing transaction no other one changes it until this ends."""
+        statement = _GET_LOCKED if self._writable else _GET
+        return _session(self._one("session", session_id, statement, {"session": session_id}))
 
     def list(
         self, *, level_id: str | None, device_id: str | None, status: str | None, cursor: str | None, limit: int
