@@ -39,7 +39,7 @@ class Replay:
     fixes : tuple of Fix
         In the order of arrival.
     segment_s : tuple of float, s
-        Wall-clock time from handing a segment over to having its fixes, failed ones included.
+        Wall-clock time from handing a segment over to having its fixes; failed ones are not in it.
     failures : tuple of str
         One line per segment that was refused or failed; the trip goes on without it.
     """
@@ -94,10 +94,11 @@ class EngineDriver:
             began = time.perf_counter()
             try:
                 state, new = self.tracker.step(state, segment, self.map_source)
-                fixes.extend(new)
             except EngineError as error:
                 failures.append(f"segment {seq}: {error}")
+                continue
             times.append(time.perf_counter() - began)
+            fixes.extend(new)
         return Replay(tuple(fixes), tuple(times), tuple(failures))
 
 
@@ -192,11 +193,13 @@ class HttpDriver:
         for number, segment in enumerate(trip.segments):
             began = time.perf_counter()
             try:
-                fixes.extend(self.transport.send_segment(session, seq, segment))
-                seq += 1
+                new = self.transport.send_segment(session, seq, segment)
             except TransportError as error:
                 failures.append(f"segment {number}: {error}")
                 seq += int(error.accepted)
+                continue
             times.append(time.perf_counter() - began)
+            fixes.extend(new)
+            seq += 1
         self.transport.close_session(session)
         return Replay(tuple(fixes), tuple(times), tuple(failures))

@@ -101,6 +101,7 @@ def _replay_walk(
         waypoints=walk.waypoints,
         truth=truth,
         causal=scored(replay.fixes),
+        n_segments=len(trip.segments),
         segment_s=replay.segment_s,
         failures=replay.failures,
     )

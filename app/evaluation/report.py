@@ -59,6 +59,7 @@ class WalkResult:
     waypoints: Waypoints
     truth: WalkTruth
     causal: ScoredTrack
+    n_segments: int
     segment_s: tuple[float, ...]
     failures: tuple[str, ...] = ()
     baseline: ScoredTrack | None = None
@@ -84,7 +85,7 @@ class WalkResult:
             "n_steps": len(self.truth),
             "n_scored": len(scores),
             "n_fixes": len(self.causal.fixes),
-            "n_segments": len(self.segment_s),
+            "n_segments": self.n_segments,
             **own,
             "end": summary["end_p50"],
             "sure_within_5m": summary["sure_within_5m"],

@@ -82,6 +82,7 @@ def test_plans_of_the_sample(sample: Ilc20Level) -> None:
     assert plan["type"] == "FeatureCollection"
     assert len(plan["features"]) == 139
     assert "120.07" not in text  # no longitudes left
+    assert [feature["properties"]["role"] for feature in plan["features"]].count("floor") == 1
 
 
 def test_the_folder_itself_may_be_given() -> None:

@@ -41,7 +41,10 @@ def test_the_bounding_box_becomes_the_plan_rectangle_wherever_it_lay(
 
 def test_properties_are_reduced_and_features_without_geometry_dropped() -> None:
     result = plan_to_level_metres(plan(120.0, 30.0, 1e-3, 1e-3), 200.0, 100.0)
-    assert [feature["properties"] for feature in result["features"]] == [{}, {"name": "shop"}]
+    assert [feature["properties"] for feature in result["features"]] == [
+        {"role": "floor"},
+        {"name": "shop", "role": "unit"},
+    ]
     json.dumps(result, allow_nan=False)
 
 

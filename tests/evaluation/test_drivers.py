@@ -20,9 +20,6 @@ def test_engine_driver_hands_the_state_on() -> None:
     assert len(replay.segment_s) == len(TRIP.segments) == 5
     assert [fix.t for fix in replay.fixes] == sorted(fix.t for fix in replay.fixes)
     assert replay.fixes[-1].x - replay.fixes[0].x == pytest.approx(22 * DriftingTracker().pace, abs=3.0)
-    assert replay == EngineDriver(DriftingTracker(), MapsOf(("lvl",))).replay(TRIP).__class__(
-        replay.fixes, replay.segment_s
-    )
 
 
 def test_replays_repeat() -> None:
@@ -32,7 +29,8 @@ def test_replays_repeat() -> None:
 
 def test_a_refused_segment_is_noted_and_the_trip_goes_on() -> None:
     replay = EngineDriver(FailingTracker(), MapsOf(("lvl",))).replay(TRIP)
-    assert len(replay.failures) + len(replay.fixes) == len(replay.segment_s) == 5
+    assert len(replay.failures) + len(replay.fixes) == 5
+    assert len(replay.segment_s) == len(replay.fixes)
     assert replay.failures
     assert all("not today" in line for line in replay.failures)
     assert replay.failures[0].split(":")[0] in ("segment 0", "segment 1")
@@ -71,7 +69,7 @@ def test_a_segment_refused_over_http_keeps_its_number_free() -> None:
     fake.refuse_seq = 2
     replay = HttpDriver(fake, "drifting", {}).replay(TRIP)
     assert replay.failures == ("segment 2: overloaded",)
-    assert len(replay.segment_s) == 5
+    assert len(replay.segment_s) == 4
     assert replay.fixes[-1].t > TRIP.segments[-1].samples.t[0]  # the later ones arrived all the same
 
 

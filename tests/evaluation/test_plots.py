@@ -35,6 +35,7 @@ def result(walk_id: str = "a/b", **changes) -> WalkResult:
     values = {
         "walk_id": walk_id, "level": "site-F1", "covered_share": 0.9, "length_m": 26.0, "start_t": 0.0, "end_t": 20.0,
         "prior": prior, "waypoints": straight_walk().waypoints, "truth": truth, "causal": track(fixes),
+        "n_segments": 1,
         "segment_s": (0.01,), "baseline": track(fixes[::2]), "smoothed": track(fixes[::3]),
     }  # fmt: skip
     return WalkResult(**(values | changes))

@@ -9,12 +9,18 @@ import numpy as np
 import pytest
 
 from app.engine.errors import MapError
+from app.engine.mapping import FloorPlan
 from app.engine.types import FeatureSet, MapBuild, MapBuildSettings
 from app.evaluation import prepare
 from app.evaluation.prepare import PrepareTask, load_map, map_key, prepare_level, save_map
 from tests.evaluation.fakes import flat_map, straight_walk
 
 WALKS = tuple(straight_walk(name, duration_s=8.0).survey_walk() for name in "ab")
+SQUARE = [[0.0, 0.0], [9.0, 0.0], [9.0, 9.0], [0.0, 0.0]]
+PLAN = {
+    "type": "FeatureCollection",
+    "features": [{"type": "Feature", "properties": {}, "geometry": {"type": "Polygon", "coordinates": [SQUARE]}}],
+}
 TASK = PrepareTask("x-F1", WALKS, MapBuildSettings())
 
 
@@ -23,24 +29,30 @@ def built(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """Calls of a stand-in for map building."""
     calls: list[str] = []
 
-    def build(level_id, walks, settings):
+    def build(level_id, walks, settings, *, plan):
         calls.append(level_id)
         return MapBuild(flat_map(level_id), (), 1, 3.0, (1.0,))
 
     monkeypatch.setattr(prepare, "build_map", build)
+    monkeypatch.setattr(prepare, "engine_hash", lambda: "engine")
     return calls
 
 
 def test_a_map_survives_the_file(tmp_path: Path) -> None:
     path = tmp_path / "new" / "m.npz"
-    save_map(flat_map("x"), path)
-    again, before = load_map(path), flat_map("x")
+    before = replace(flat_map("x"), obstacle=np.full((30, 50), 2.5, np.float32))
+    save_map(before, path)
+    again = load_map(path)
     for name in ("level_id", "features", "x0", "y0", "cell_m", "mapped_m", "noise_sd"):
         assert getattr(again, name) == getattr(before, name)
-    for name in ("mean", "sd", "support"):
+    for name in ("mean", "sd", "support", "obstacle"):
         np.testing.assert_array_equal(getattr(again, name), getattr(before, name))
         assert getattr(again, name).dtype == np.float32
     assert [p.name for p in path.parent.iterdir()] == ["m.npz"]
+
+
+def test_the_engine_hash_is_that_of_its_source() -> None:
+    assert len(prepare.engine_hash()) == 64
 
 
 def test_the_key_follows_everything_that_the_map_depends_on(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -55,7 +67,9 @@ def test_the_key_follows_everything_that_the_map_depends_on(monkeypatch: pytest.
         replace(TASK, walks=WALKS[::-1]),
         replace(TASK, walks=(moved, WALKS[1])),
         replace(TASK, walks=(relabelled, WALKS[1])),
+        replace(TASK, vector_plan=PLAN),
     ]
+    monkeypatch.setattr(prepare, "engine_hash", lambda: "this engine")
     keys = [map_key(task) for task in variants]
     assert len(set(keys)) == len(keys)
     assert map_key(replace(TASK, cache=Path("elsewhere"))) == keys[0]
@@ -79,13 +93,29 @@ def test_the_cache_is_used_only_when_given(tmp_path: Path, built: list[str]) -> 
 
 
 def test_a_level_without_a_map_says_why(monkeypatch: pytest.MonkeyPatch) -> None:
-    def refuse(level_id, walks, settings):
+    def refuse(level_id, walks, settings, *, plan):
         raise MapError("no walk could be placed")
 
     monkeypatch.setattr(prepare, "build_map", refuse)
     level = prepare_level(TASK)
     assert (level.grid_map, level.problem) == (None, "no walk could be placed")
     assert len(level.area.positions) > 100
+
+
+def test_the_plan_reaches_the_map(monkeypatch: pytest.MonkeyPatch) -> None:
+    seen: list[FloorPlan | None] = []
+
+    def build(level_id, walks, settings, *, plan):
+        seen.append(plan)
+        return MapBuild(flat_map(level_id), (), 1, 3.0, (1.0,))
+
+    monkeypatch.setattr(prepare, "build_map", build)
+    prepare_level(TASK)
+    prepare_level(replace(TASK, vector_plan=PLAN))
+    assert seen[0] is None
+    assert seen[1] is not None
+    assert seen[1].extent == (0.0, 0.0, 9.0, 9.0)
+    assert prepare_level(replace(TASK, vector_plan={"type": "Nothing"})).problem
 
 
 def test_the_surveyed_area_alone(built: list[str]) -> None:

@@ -10,6 +10,7 @@ GeoJson = dict[str, Any]
 
 _KEPT_PROPERTIES = ("name", "category")
 _MILLIMETRE = 3
+_EDGE_M = 0.1
 
 
 def plan_to_level_metres(plan: Mapping[str, Any], width_m: float, height_m: float) -> GeoJson:
@@ -18,15 +19,16 @@ def plan_to_level_metres(plan: Mapping[str, Any], width_m: float, height_m: floa
     The bounding box of all coordinates *is* the plan rectangle: x east from its left edge, y north from its
     lower edge. (The sources use a shifted map datum, so only the shape is meaningful.)
 
-    Returns a ``FeatureCollection`` whose features keep geometry, ``name`` and ``category``; coordinates are
-    rounded to millimetres.
+    Returns a ``FeatureCollection`` whose features keep geometry, ``name`` and ``category`` and get a ``role``:
+    ``floor`` for what spans the whole rectangle (the outline), ``unit`` for the rest. Coordinates are rounded to
+    millimetres.
 
     Raises
     ------
     ValueError
         No coordinates, or a bounding box without area.
     """
-    features = [feature for feature in plan.get("features", ()) if feature.get("geometry")]
+    features = [feature for feature in plan.get("features", ()) if (feature.get("geometry") or {}).get("coordinates")]
     points = [point for feature in features for point in positions(feature["geometry"]["coordinates"])]
     if not points:
         raise ValueError("the plan holds no coordinates")
@@ -42,7 +44,8 @@ def plan_to_level_metres(plan: Mapping[str, Any], width_m: float, height_m: floa
             round((position[1] - y_min) * y_scale, _MILLIMETRE),
         ]
 
-    return {"type": "FeatureCollection", "features": [_feature(feature, to_metres) for feature in features]}
+    size = (width_m, height_m)
+    return {"type": "FeatureCollection", "features": [_feature(feature, to_metres, size) for feature in features]}
 
 
 def positions(coordinates: Any) -> Iterator[list[float]]:
@@ -70,14 +73,27 @@ def _lines(coordinates: Any) -> Iterator[list[list[float]]]:
         yield from _lines(part)
 
 
-def _feature(feature: Mapping[str, Any], to_metres: Callable[[list[float]], list[float]]) -> GeoJson:
+def _feature(
+    feature: Mapping[str, Any], to_metres: Callable[[list[float]], list[float]], size: tuple[float, float]
+) -> GeoJson:
     properties = feature.get("properties") or {}
     geometry = feature["geometry"]
+    coordinates = _map_positions(geometry["coordinates"], to_metres)
+    role = "floor" if _spans(coordinates, size) else "unit"
     return {
         "type": "Feature",
-        "properties": {name: properties[name] for name in _KEPT_PROPERTIES if properties.get(name)},
-        "geometry": {"type": geometry["type"], "coordinates": _map_positions(geometry["coordinates"], to_metres)},
+        "properties": {name: properties[name] for name in _KEPT_PROPERTIES if properties.get(name)} | {"role": role},
+        "geometry": {"type": geometry["type"], "coordinates": coordinates},
     }
+
+
+def _spans(coordinates: Any, size: tuple[float, float]) -> bool:
+    """Whether a shape reaches all four edges of the plan."""
+    points = list(positions(coordinates))
+    return all(
+        min(p[axis] for p in points) <= _EDGE_M and max(p[axis] for p in points) >= size[axis] - _EDGE_M
+        for axis in (0, 1)
+    )
 
 
 def _map_positions(coordinates: Any, convert: Callable[[list[float]], list[float]]) -> Any:
