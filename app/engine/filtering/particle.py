@@ -2,9 +2,9 @@
 
 Each particle carries position, heading, stride scale and carrying angle; the magnetometer's offset is not sampled but
 estimated per particle by a small Kalman filter (Rao-Blackwell; Schon, Gustafsson, Nordlund 2005,
-doi:10.1109/TSP.2005.849151). What a walk and a map disagree about is correlated over metres (position errors of the survey
-times gradient, height, passing metal); the residual is therefore modelled as a first-order Markov process along the
-path and whitened before it is weighted, so that a stretch of steps does not count as as many independent witnesses. The
+doi:10.1109/TSP.2005.849151). What a walk and a map disagree about is correlated over metres (position errors of the
+survey times gradient, height, passing metal); the residual is therefore modelled as a first-order Markov process along
+the path and whitened before it is weighted, so that neighbouring steps do not count as independent witnesses. The
 whitened residual is Student t, which bounds what one disturbed step can do.
 """
 
@@ -18,13 +18,13 @@ import numpy as np
 
 from app.engine.errors import MapError
 from app.engine.kernels import particle as kernel
-from app.engine.types import FeatureSet, Float32Array, Float64Array, GridMap
+from app.engine.types import FeatureSet, Float32Array, Float64Array, GridMap, IntArray
 
 _MODES = {FeatureSet.VECTOR: kernel.VECTOR, FeatureSet.HV: kernel.HV, FeatureSet.TOTAL: kernel.TOTAL}
 _DEGREES_OF_FREEDOM = {FeatureSet.VECTOR: 5.0, FeatureSet.HV: 6.0, FeatureSet.TOTAL: 7.0}
 _POOL = 1 << 19
-OBSTACLE_SD_M = 0.8
-OBSTACLE_FLOOR = 0.05
+OBSTACLE_SD_M = 0.5
+OBSTACLE_FLOOR = 0.01
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,15 +47,15 @@ class ParticleNoise:
         Share of effective particles below which to resample.
     """
 
-    heading: float = 0.02
-    stride: float = 0.12
-    scale_walk: float = 0.01
-    carry_walk: float = 0.005
-    position: float = 0.1
-    field: float = 1.0
-    correlation_m: float = 2.5
-    offset_walk: float = 0.05
-    resample_below: float = 0.5
+    heading: float = 0.013
+    stride: float = 0.22
+    scale_walk: float = 0.009
+    carry_walk: float = 0.004
+    position: float = 0.25
+    field: float = 2.1
+    correlation_m: float = 2.7
+    offset_walk: float = 0.07
+    resample_below: float = 0.4
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -190,6 +190,27 @@ class Cloud:
         return Cloud(p, self.moved)
 
 
+@dataclass(frozen=True, slots=True)
+class Advance:
+    """What a step gave.
+
+    Attributes
+    ----------
+    cloud : Cloud
+        After the step, resampled if need be.
+    weighted : Cloud
+        Before resampling: the particles the estimate was taken from.
+    ancestors : array, shape (n,), or None
+        Where each particle of ``cloud`` stood in ``weighted``; None if it was not resampled.
+    estimate : Estimate
+    """
+
+    cloud: Cloud
+    weighted: Cloud
+    ancestors: IntArray | None
+    estimate: Estimate
+
+
 @lru_cache(maxsize=1)
 def normal_pool() -> Float32Array:
     """Standard normals that all filters of a process share, read from a random place at each step.
@@ -209,7 +230,7 @@ def advance_cloud(
     stride: float,
     z: Float64Array,
     rng: np.random.Generator,
-) -> tuple[Cloud, Estimate]:
+) -> Advance:
     """One step of the walker.
 
     Parameters
@@ -222,9 +243,6 @@ def advance_cloud(
     z : array, shape (3,), uT
         Channels as the kernel wants them for the grid's features.
 
-    Returns
-    -------
-    The cloud after the step (resampled if need be) and the estimate before resampling.
     """
     parameters = np.array(
         [
@@ -239,14 +257,28 @@ def advance_cloud(
     offset = int(rng.integers(_POOL - 4 * cloud.n))
     scratch = np.empty_like(cloud.p)
     moments = np.empty(10)
+    ancestors = np.empty(cloud.n, dtype=np.int64)
     resampled = kernel.step(
         cloud.p, scratch, grid.nodes, motion, z, parameters, _MODES[grid.features], not cloud.moved,
-        pool, offset, float(rng.random()), moments,
+        pool, offset, float(rng.random()), moments, ancestors,
     )  # fmt: skip
-    estimate = Estimate(
-        x=float(moments[1]), y=float(moments[2]),
-        cov_xx=float(moments[3]), cov_xy=float(moments[4]), cov_yy=float(moments[5]),
-        heading=float(np.arctan2(moments[7], moments[6])), mapped=float(moments[8]),
-        effective=float(1.0 / (moments[9] * cloud.n)),
-    )  # fmt: skip
-    return Cloud(scratch if resampled else cloud.p, moved=True), estimate
+    weighted = Cloud(cloud.p, moved=True)
+    return Advance(
+        cloud=Cloud(scratch, moved=True) if resampled else weighted,
+        weighted=weighted,
+        ancestors=ancestors if resampled else None,
+        estimate=_estimate(moments, cloud.n),
+    )
+
+
+def _estimate(moments: Float64Array, n: int) -> Estimate:
+    return Estimate(
+        x=float(moments[1]),
+        y=float(moments[2]),
+        cov_xx=float(moments[3]),
+        cov_xy=float(moments[4]),
+        cov_yy=float(moments[5]),
+        heading=float(np.arctan2(moments[7], moments[6])),
+        mapped=float(moments[8]),
+        effective=float(1.0 / (moments[9] * n)),
+    )

@@ -24,7 +24,8 @@ def step_count(t: Float64Array, steps: Steps) -> Float64Array:
     knots = np.stack([begin, steps.t], axis=1).ravel()
     counts = np.stack([np.arange(len(steps)), np.arange(1, len(steps) + 1)], axis=1).ravel()
     # a step that begins where the last one ended gives two equal knots of equal value: interp takes both
-    return np.interp(t, knots, counts.astype(float))
+    count: Float64Array = np.interp(t, knots, counts.astype(float))
+    return count
 
 
 def positions_by_steps(t: Float64Array, steps: Steps, waypoints: Waypoints) -> tuple[Float64Array, Float64Array]:

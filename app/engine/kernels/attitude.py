@@ -9,7 +9,7 @@ from numba import njit
 
 
 @njit(cache=True, nogil=True, fastmath=False)
-def level(t, mag, acc, gyro, q, last, gain, out):  # type: ignore[no-untyped-def]
+def level(t, mag, acc, gyro, q, last, gain, out):
     """Integrate attitude over samples; complementary correction of tilt only.
 
     Parameters

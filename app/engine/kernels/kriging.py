@@ -9,16 +9,14 @@ from numba import njit
 
 
 @njit(cache=True, nogil=True, fastmath=True, inline="always")
-def matern(d, inv_length):  # type: ignore[no-untyped-def]
+def matern(d, inv_length):
     """Matern 3/2 correlation at distance ``d``."""
     a = d * inv_length
     return (1.0 + a) * np.exp(-a)
 
 
 @njit(cache=True, nogil=True, fastmath=True)
-def krige_blocks(  # type: ignore[no-untyped-def]
-    xy, walk, z, nb, count, nodes, first, par, mean, var
-):
+def krige_blocks(xy, walk, z, nb, count, nodes, first, par, mean, var):
     """Krige the nodes of each block.
 
     Covariance of two samples: the field's, plus, within one walk, that walk's own error, plus white noise.

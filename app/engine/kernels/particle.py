@@ -21,7 +21,8 @@ Rows of a particle array ``p`` (15, n) float32:
 == =============================================================================
 
 The map ``grid`` (rows, columns, 7) float32 holds the three channels' mean, the map's variance of channels 0 and 1,
-that of channel 2, 1 where mapped, and the weight of standing there (1 where people can walk). Channels: vector x y z; ``hv`` h - v; total - - f.
+that of channel 2, 1 where mapped, and the weight of standing there (1 where people can walk). Channels: vector x y z;
+``hv`` h - v; total - - f.
 """
 
 import numpy as np
@@ -32,7 +33,7 @@ VECTOR, HV, TOTAL = 0, 1, 2
 
 
 @njit(cache=True, nogil=True, fastmath=True)
-def step(p, q, grid, motion, z, par, mode, first, pool, offset, u, est):  # type: ignore[no-untyped-def]
+def step(p, q, grid, motion, z, par, mode, first, pool, offset, u, est, ancestor):
     """Advance all particles by one step of the walker.
 
     Parameters
@@ -49,6 +50,8 @@ def step(p, q, grid, motion, z, par, mode, first, pool, offset, u, est):  # type
     pool, offset : standard normals, and where to begin in them (4 n are used)
     u : uniform in [0, 1) for systematic resampling
     est : (10,) output: sums of w, w x, w y, w x^2, w x y, w y^2, w cos, w sin of the motion, w mapped, w^2 / (sum w)^2
+
+    ancestor : (n,) output, where each particle of ``q`` stood in ``p``; only written when resampled
 
     Returns
     -------
@@ -207,6 +210,7 @@ def step(p, q, grid, motion, z, par, mode, first, pool, offset, u, est):  # type
         while c0 < target and k < n - 1:
             k += 1
             c0 += W[k]
+        ancestor[i] = k
         for r in range(14):
             q[r, i] = p[r, k]
         q[14, i] = uniform

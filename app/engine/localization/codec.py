@@ -10,7 +10,6 @@ import numpy as np
 from app.engine.errors import StateError
 from app.engine.inertial import Attitude, LevelledSamples
 from app.engine.inertial.pedestrian import PedestrianState
-from app.engine.types import Prior
 
 VERSION = 1
 
@@ -38,18 +37,8 @@ def unpack(payload: bytes) -> dict[str, Any]:
     return values
 
 
-def prior_values(prior: Prior) -> dict[str, Any]:
-    """A prior as plain values."""
-    return {
-        "level_id": prior.level_id, "x": prior.x, "y": prior.y, "radius_m": prior.radius_m,
-        "heading": prior.heading, "heading_sd": prior.heading_sd,
-    }  # fmt: skip
-
-
-def pedestrian_values(state: PedestrianState | None) -> dict[str, Any] | None:
+def pedestrian_values(state: PedestrianState) -> dict[str, Any]:
     """A pedestrian front end's state as plain values."""
-    if state is None:
-        return None
     a, tail = state.attitude, state.tail
     return {
         "attitude": [a.t, *a.q, a.heading], "last_step_t": state.last_step_t,
@@ -57,10 +46,8 @@ def pedestrian_values(state: PedestrianState | None) -> dict[str, Any] | None:
     }  # fmt: skip
 
 
-def pedestrian_state(values: dict[str, Any] | None) -> PedestrianState | None:
+def pedestrian_state(values: dict[str, Any]) -> PedestrianState:
     """Inverse of :func:`pedestrian_values`."""
-    if values is None:
-        return None
     t, w, x, y, z, heading = values["attitude"]
     tail = LevelledSamples(values["t"], values["mag"], values["heading"], values["vertical"])
     return PedestrianState(Attitude(t, (w, x, y, z), heading), values["last_step_t"], tail)

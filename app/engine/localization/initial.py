@@ -26,10 +26,10 @@ class InitialSpread:
         Share of particles that ignore the compass.
     """
 
-    carry: float = 0.15
-    offset_horizontal: float = 4.0
-    offset_vertical: float = 5.0
-    compass: float = 0.35
+    carry: float = 0.11
+    offset_horizontal: float = 5.5
+    offset_vertical: float = 5.5
+    compass: float = 0.38
     compass_failure: float = 0.1
 
 
@@ -83,8 +83,8 @@ def _headings(
 ) -> Float64Array:
     n = x.shape[0]
     if prior.heading is not None:
-        return prior.heading + prior.heading_sd * rng.standard_normal(n)
-    anywhere = rng.uniform(-np.pi, np.pi, n)
+        return np.asarray(prior.heading + prior.heading_sd * rng.standard_normal(size=n))
+    anywhere = np.asarray(rng.uniform(-np.pi, np.pi, size=n))
     if grid.features is not FeatureSet.VECTOR:
         return anywhere
     nodes = grid.lookup(x, y)

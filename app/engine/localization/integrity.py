@@ -34,11 +34,11 @@ class IntegrityPolicy:
         Metres of walk that usually settle a start.
     """
 
-    covariance_scale: float = 1.0
-    covariance_floor: float = 0.3
+    covariance_scale: float = 1.15
+    covariance_floor: float = 0.5
     settle_m: float = 5.0
     insufficient_m: float = 8.0
-    sure_m: float = 1.7
+    sure_m: float = 2.2
     off_map_share: float = 0.35
     memory_m: float = 4.0
     information_m: float = 30.0
@@ -61,6 +61,12 @@ class Integrity:
             mapped=keep * self.mapped + (1.0 - keep) * estimate.mapped,
             settled=self.settled or spread(estimate) < policy.settle_m,
         )
+
+
+def calibrate(estimate: Estimate, policy: IntegrityPolicy) -> tuple[float, float, float]:
+    """Covariance (xx, xy, yy) that a fix claims, m^2."""
+    scale, floor = policy.covariance_scale, policy.covariance_floor
+    return scale * estimate.cov_xx + floor, scale * estimate.cov_xy, scale * estimate.cov_yy + floor
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
 
 from app.engine.errors import StateError
-from app.engine.filtering import Cloud, Estimate, FilterGrid, ParticleNoise, advance_cloud, prepare_grid
+from app.engine.filtering import Advance, Cloud, Estimate, FilterGrid, ParticleNoise, advance_cloud, prepare_grid
 from app.engine.inertial import PedestrianState, StepEvents, advance
 from app.engine.inertial.stride import weinberg
 from app.engine.localization import codec
 from app.engine.localization.initial import InitialSpread, initial_cloud
-from app.engine.localization.integrity import Integrity, IntegrityPolicy, judge
+from app.engine.localization.integrity import Integrity, IntegrityPolicy, calibrate, judge
 from app.engine.types import FeatureSet, Fix, Float64Array, MapSource, Prior, Segment, TrackerState
 
 
@@ -37,49 +37,63 @@ class ParticleParameters:
 
 
 @dataclass(slots=True)
-class _State:
-    """Tracker state, decoded."""
+class Track:
+    """A session under way: steps so far, heading at the last one (free azimuth, rad), particles, estimate."""
+
+    pedestrian: PedestrianState
+    heading: float
+    cloud: Cloud
+    estimate: Estimate
+    integrity: Integrity = field(default_factory=Integrity)
+
+
+@dataclass(slots=True)
+class SessionState:
+    """Tracker state, decoded. ``count`` segments have been taken; ``track`` is None before the first."""
 
     prior: Prior
     seed: int
     count: int = 0
-    pedestrian: PedestrianState | None = None
-    heading: float = 0.0
-    cloud: Cloud | None = None
-    estimate: Estimate | None = None
-    integrity: Integrity = field(default_factory=Integrity)
+    track: Track | None = None
 
-    def values(self) -> dict[str, Any]:
-        """Plain values for the codec."""
-        e = self.estimate
-        return {
-            "prior": codec.prior_values(self.prior), "seed": self.seed, "count": self.count,
-            "pedestrian": codec.pedestrian_values(self.pedestrian), "heading": self.heading,
-            "cloud": None if self.cloud is None else self.cloud.p,
-            "moved": self.cloud is not None and self.cloud.moved,
-            "estimate": None if e is None else
-            [e.x, e.y, e.cov_xx, e.cov_xy, e.cov_yy, e.heading, e.mapped, e.effective],
-            "integrity": [self.integrity.walked_m, self.integrity.mapped, self.integrity.settled],
-        }  # fmt: skip
+    def encode(self) -> bytes:
+        """As bytes."""
+        track = self.track
+        values: dict[str, Any] = {"prior": asdict(self.prior), "seed": self.seed, "count": self.count, "track": None}
+        if track is not None:
+            values["track"] = {
+                "pedestrian": codec.pedestrian_values(track.pedestrian),
+                "heading": track.heading,
+                "particles": track.cloud.p,
+                "moved": track.cloud.moved,
+                "estimate": asdict(track.estimate),
+                "integrity": asdict(track.integrity),
+            }
+        return codec.pack(values)
 
     @classmethod
-    def of(cls, values: dict[str, Any]) -> _State:
-        """Inverse of :meth:`values`."""
-        cloud = None if values["cloud"] is None else Cloud(values["cloud"], values["moved"])
-        estimate = None if values["estimate"] is None else Estimate(*values["estimate"])
-        return cls(
-            Prior(**values["prior"]), values["seed"], values["count"],
-            codec.pedestrian_state(values["pedestrian"]), values["heading"], cloud, estimate,
-            Integrity(*values["integrity"]),
-        )  # fmt: skip
+    def decode(cls, payload: bytes) -> SessionState:
+        """Inverse of :meth:`encode`; StateError if damaged."""
+        values = codec.unpack(payload)
+        track = values["track"]
+        if track is not None:
+            track = Track(
+                pedestrian=codec.pedestrian_state(track["pedestrian"]),
+                heading=track["heading"],
+                cloud=Cloud(track["particles"], track["moved"]),
+                estimate=Estimate(**track["estimate"]),
+                integrity=Integrity(**track["integrity"]),
+            )
+        return cls(Prior(**values["prior"]), values["seed"], values["count"], track)
 
 
 class ParticleTracker:
     """Bias-aware, map-constrained particle filter over the steps of a pedestrian.
 
-    Follows MaLoc's idea (Xie et al., 2014, doi:10.1145/2632048.2632057: particles of position and heading weighted by the
-    field), and differs in that the sensor's offset is marginalized, residuals are whitened along the path, and the map's own
-    standard deviation enters the weight, so that unmapped ground costs nothing and gains nothing.
+    Follows MaLoc's idea (Xie et al., 2014, doi:10.1145/2632048.2632057: particles of position and heading weighted by
+    the field), and differs in that the sensor's offset is marginalized, residuals are whitened along the path, the
+    map's own standard deviation enters the weight, so that unmapped ground costs nothing and gains nothing, and the
+    floor plan bounds where particles stand.
     """
 
     method = "particle"
@@ -98,7 +112,7 @@ class ParticleTracker:
 
     def start(self, prior: Prior, *, seed: int) -> TrackerState:
         """State before the first segment."""
-        return TrackerState(self.method, codec.pack(_State(prior, seed).values()))
+        return TrackerState(self.method, SessionState(prior, seed).encode())
 
     def step(
         self, state: TrackerState, segment: Segment, map_source: MapSource
@@ -106,59 +120,81 @@ class ParticleTracker:
         """Advance by one segment: a fix per confirmed step, and one at the segment's end."""
         if state.method != self.method:
             raise StateError(f"state belongs to method {state.method!r}, not {self.method!r}")
-        s = _State.of(codec.unpack(state.payload))
-        rng = np.random.default_rng([s.seed, s.count])
-        grid_map = map_source.grid_map(s.prior.level_id)
-        features = self.parameters.features if grid_map.features is FeatureSet.VECTOR else grid_map.features
-        grid = prepare_grid(grid_map, features)
-        s.pedestrian, events = advance(s.pedestrian, segment.samples)
-        if s.cloud is None:
-            self._begin(s, grid, events, rng)
-        fixes = [self._walk(s, grid, events, i, rng) for i in range(len(events))]
+        session = SessionState.decode(state.payload)
+        fixes = [fix for fix, _ in self.walk(session, segment, map_source)]
         last_t = float(segment.samples.t[-1])
-        fixes.append(self._fix(s, last_t))
-        s.count += 1
-        return TrackerState(self.method, codec.pack(s.values()), last_t), tuple(fixes)
+        return TrackerState(self.method, session.encode(), last_t), tuple(fixes)
 
-    def _begin(self, s: _State, grid: FilterGrid, events: StepEvents, rng: np.random.Generator) -> None:
-        assert s.pedestrian is not None  # set by the caller
-        tail = s.pedestrian.tail
-        s.heading = float(events.heading[0]) if len(events) else float(tail.heading[-1])
-        first = events.mag[0] if len(events) else tail.mag[-10:].mean(axis=0)
-        n = self.parameters.particles if s.prior.x is not None else self.parameters.cold_particles
-        s.cloud = initial_cloud(s.prior, grid, first, n, self.spread, rng)
-        s.estimate = _moments(s.cloud, grid)
+    def walk(self, session: SessionState, segment: Segment, map_source: MapSource) -> list[tuple[Fix, Advance | None]]:
+        """Advance ``session`` in place: each step's fix with what the filter did, and the fix at the end."""
+        rng = np.random.default_rng([session.seed, session.count])
+        grid = self._grid(map_source, session.prior.level_id)
+        before = None if session.track is None else session.track.pedestrian
+        pedestrian, events = advance(before, segment.samples)
+        if session.track is None:
+            session.track = self._begin(session.prior, grid, pedestrian, events, rng)
+        track = session.track
+        track.pedestrian = pedestrian
+        level_id = session.prior.level_id
+        result: list[tuple[Fix, Advance | None]] = []
+        for i in range(len(events)):
+            moved = self._advance(track, grid, events, i, rng)
+            result.append((self._fix(track, level_id, float(events.t[i])), moved))
+        result.append((self._fix(track, level_id, float(segment.samples.t[-1])), None))
+        session.count += 1
+        return result
 
-    def _walk(self, s: _State, grid: FilterGrid, events: StepEvents, i: int, rng: np.random.Generator) -> Fix:
-        assert s.cloud is not None  # set by _begin
+    def _grid(self, map_source: MapSource, level_id: str) -> FilterGrid:
+        grid_map = map_source.grid_map(level_id)
+        vector = grid_map.features is FeatureSet.VECTOR
+        return prepare_grid(grid_map, self.parameters.features if vector else grid_map.features)
+
+    def _begin(
+        self, prior: Prior, grid: FilterGrid, pedestrian: PedestrianState, events: StepEvents, rng: np.random.Generator
+    ) -> Track:
+        walked = len(events) > 0
+        heading = float(events.heading[0] if walked else pedestrian.tail.heading[-1])
+        reading = events.mag[0] if walked else pedestrian.tail.mag[-10:].mean(axis=0)
+        n = self.parameters.particles if prior.x is not None else self.parameters.cold_particles
+        cloud = initial_cloud(prior, grid, reading, n, self.spread, rng)
+        return Track(pedestrian, heading, cloud, estimate_equal(cloud, grid))
+
+    def _advance(self, track: Track, grid: FilterGrid, events: StepEvents, i: int, rng: np.random.Generator) -> Advance:
         stride = float(weinberg(events.swing[i : i + 1])[0])
-        s.cloud, s.estimate = advance_cloud(
-            s.cloud,
+        moved = advance_cloud(
+            track.cloud,
             grid,
             self.noise,
-            turn_mid=float(events.motion_heading[i]) - s.heading,
-            turn=float(events.heading[i]) - s.heading,
+            turn_mid=float(events.motion_heading[i]) - track.heading,
+            turn=float(events.heading[i]) - track.heading,
             stride=stride,
             z=channels(events.mag[i], grid.features),
             rng=rng,
         )
-        s.heading = float(events.heading[i])
-        s.integrity = s.integrity.walked(stride, s.estimate, self.policy)
-        if s.cloud.n > self.parameters.particles and s.integrity.settled:
-            s.cloud = s.cloud.thin(self.parameters.particles, float(rng.random()))
-        return self._fix(s, float(events.t[i]))
+        track.cloud, track.estimate = moved.cloud, moved.estimate
+        track.heading = float(events.heading[i])
+        track.integrity = track.integrity.walked(stride, moved.estimate, self.policy)
+        if track.cloud.n > self.parameters.particles and track.integrity.settled:
+            track.cloud = track.cloud.thin(self.parameters.particles, float(rng.random()))
+        return moved
 
-    def _fix(self, s: _State, t: float) -> Fix:
-        assert s.estimate is not None  # set by _begin
-        e = s.estimate
-        verdict = judge(e, s.integrity, self.policy)
-        scale, floor = self.policy.covariance_scale, self.policy.covariance_floor
+    def _fix(self, track: Track, level_id: str, t: float) -> Fix:
+        verdict = judge(track.estimate, track.integrity, self.policy)
+        cov_xx, cov_xy, cov_yy = calibrate(track.estimate, self.policy)
         return Fix(
-            t=t, level_id=s.prior.level_id, x=e.x, y=e.y,
-            cov_xx=scale * e.cov_xx + floor, cov_xy=scale * e.cov_xy, cov_yy=scale * e.cov_yy + floor,
-            heading=e.heading, status=verdict.status, quality=verdict.quality, sure=verdict.sure,
+            t=t,
+            level_id=level_id,
+            x=track.estimate.x,
+            y=track.estimate.y,
+            cov_xx=cov_xx,
+            cov_xy=cov_xy,
+            cov_yy=cov_yy,
+            heading=track.estimate.heading,
+            status=verdict.status,
+            quality=verdict.quality,
+            sure=verdict.sure,
             walk_on_m=verdict.walk_on_m,
-        )  # fmt: skip
+        )
 
 
 def channels(mag: Float64Array, features: FeatureSet) -> Float64Array:
@@ -170,13 +206,17 @@ def channels(mag: Float64Array, features: FeatureSet) -> Float64Array:
     return np.array([0.0, 0.0, np.linalg.norm(mag)])
 
 
-def _moments(cloud: Cloud, grid: FilterGrid) -> Estimate:
-    """Estimate of equally weighted particles."""
+def estimate_equal(cloud: Cloud, grid: FilterGrid) -> Estimate:
+    """Estimate of equally weighted particles that have not moved yet."""
     x, y = cloud.p[0].astype(np.float64), cloud.p[1].astype(np.float64)
     cov = np.cov(x, y)
-    heading = float(np.angle(np.mean(cloud.p[2] + 1j * cloud.p[3])))
-    mapped = float(grid.lookup(x, y)[:, 5].mean())
-    return replace(
-        Estimate(float(x.mean()), float(y.mean()), 0.0, 0.0, 0.0, heading, mapped, 1.0),
-        cov_xx=float(cov[0, 0]), cov_xy=float(cov[0, 1]), cov_yy=float(cov[1, 1]),
-    )  # fmt: skip
+    return Estimate(
+        x=float(x.mean()),
+        y=float(y.mean()),
+        cov_xx=float(cov[0, 0]),
+        cov_xy=float(cov[0, 1]),
+        cov_yy=float(cov[1, 1]),
+        heading=float(np.angle(np.mean(cloud.p[2] + 1j * cloud.p[3]))),
+        mapped=float(grid.lookup(x, y)[:, 5].mean()),
+        effective=1.0,
+    )

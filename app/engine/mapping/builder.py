@@ -15,6 +15,7 @@ from app.engine.mapping.samples import PlacedSamples, place_samples
 from app.engine.mapping.variogram import field_level, fit_covariance
 from app.engine.types import (
     FeatureSet,
+    Float32Array,
     Float64Array,
     GridMap,
     MapBuild,
@@ -151,7 +152,7 @@ def _axes(xy: Float64Array, settings: MapBuildSettings, plan: FloorPlan | None) 
     )
 
 
-def _support(xy: Float64Array, x: Float64Array, y: Float64Array) -> Float64Array:
+def _support(xy: Float64Array, x: Float64Array, y: Float64Array) -> Float32Array:
     """Distance from each node to the nearest sample, m, capped."""
     xx, yy = np.meshgrid(x, y)
     nodes = np.stack([xx.ravel(), yy.ravel()], axis=1)

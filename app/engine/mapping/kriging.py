@@ -8,7 +8,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from app.engine.kernels.kriging import krige_blocks
-from app.engine.types import Float64Array, Progress
+from app.engine.types import BoolArray, Float64Array, IntArray, Progress
 
 BLOCK = 4
 """Nodes per block side; a block shares one neighbourhood."""
@@ -59,13 +59,13 @@ class FieldSamples:
     """Placed, corrected samples: ``xy`` (n, 2) m, ``walk`` (n,) owner index, ``values`` (n, channels) uT."""
 
     xy: Float64Array
-    walk: Float64Array
+    walk: IntArray
     values: Float64Array
 
     def __len__(self) -> int:
         return int(self.xy.shape[0])
 
-    def subset(self, keep: Float64Array) -> FieldSamples:
+    def subset(self, keep: BoolArray | IntArray) -> FieldSamples:
         """Rows of a mask or index array."""
         return FieldSamples(self.xy[keep], self.walk[keep], self.values[keep])
 
@@ -169,10 +169,10 @@ def _spacing(axis: Float64Array) -> float:
 
 def _block_corners(
     samples: FieldSamples, covariance: Covariance, x: Float64Array, y: Float64Array
-) -> tuple[Float64Array, Float64Array]:
+) -> tuple[IntArray, IntArray]:
     """Rows and columns of the blocks that any sample reaches."""
-    r, c = np.meshgrid(np.arange(0, len(y), BLOCK), np.arange(0, len(x), BLOCK), indexing="ij")
-    r, c = r.ravel(), c.ravel()
+    rows, columns = np.meshgrid(np.arange(0, len(y), BLOCK), np.arange(0, len(x), BLOCK), indexing="ij")
+    r, c = rows.ravel(), columns.ravel()
     half = 0.5 * (BLOCK - 1)
     centres = np.stack([x[0] + (c + half) * _spacing(x), y[0] + (r + half) * _spacing(y)], axis=1)
     reach = 2.5 * covariance.length_m + half * np.hypot(_spacing(x), _spacing(y))

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from app.engine.mapping.samples import PlacedSamples
-from app.engine.types import Float64Array
+from app.engine.types import ComplexArray, Float64Array, IntArray
 
 CELL_M = 1.0
 _FIELD_SD = 5.0
@@ -75,16 +75,16 @@ class _Cells:
 
 
 def _horizontal(
-    cells: _Cells, owner: Float64Array, mag: Float64Array, heading: Float64Array, n_walks: int
-) -> tuple[Float64Array, Float64Array]:
+    cells: _Cells, owner: IntArray, mag: ComplexArray, heading: Float64Array, n_walks: int
+) -> tuple[ComplexArray, Float64Array]:
     """Complex hard iron (forward + i left) and carrying angle of each walk."""
     n = owner.shape[0]
     rows = np.tile(np.arange(n), 5)
     columns = np.concatenate(
         [owner, n_walks + owner, 2 * n_walks + owner, np.full(n, 3 * n_walks), np.full(n, 3 * n_walks + 1)]
     )
-    iron = np.zeros(n_walks, dtype=complex)
-    carry = np.zeros(n_walks)
+    iron: ComplexArray = np.zeros(n_walks, dtype=complex)
+    carry: Float64Array = np.zeros(n_walks, dtype=np.float64)
     for _ in range(_ITERATIONS):
         turn = np.exp(1j * (heading + carry[owner]))
         # turning a walk by d changes its field by i d M: the mean field M stands in for each sample's own
@@ -103,18 +103,18 @@ def _horizontal(
         angles = np.arange(2 * n_walks, 3 * n_walks)
         normal[angles, angles] += 1.0 / _CARRY_SD**2
         right[angles] -= carry / _CARRY_SD**2
-        solution = np.linalg.solve(normal, right)
+        solution: Float64Array = np.linalg.solve(normal, right).astype(np.float64)
         iron = solution[:n_walks] + 1j * solution[n_walks : 2 * n_walks]
-        carry = carry + solution[angles]
+        carry += solution[angles]
     return iron, carry
 
 
-def _vertical(cells: _Cells, owner: Float64Array, mag: Float64Array, n_walks: int) -> Float64Array:
+def _vertical(cells: _Cells, owner: IntArray, mag: Float64Array, n_walks: int) -> Float64Array:
     n = owner.shape[0]
     columns = np.concatenate([owner, np.full(n, n_walks)])
     design = csr_array((np.ones(2 * n), (np.tile(np.arange(n), 2), columns)), shape=(n, n_walks + 1))
     normal, right = cells.normal_equations(design, mag)
     iron_rows = np.arange(n_walks)
     normal[iron_rows, iron_rows] += 1.0 / _HARD_IRON_SD**2
-    solution: Float64Array = np.linalg.solve(normal, right)[:n_walks]
+    solution: Float64Array = np.linalg.solve(normal, right).astype(np.float64)[:n_walks]
     return solution

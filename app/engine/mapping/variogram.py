@@ -6,7 +6,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from app.engine.mapping.kriging import Covariance, FieldLevel, FieldSamples, krige
-from app.engine.types import Float64Array
+from app.engine.types import IntArray
 
 LENGTHS_M = (3.0, 5.0, 8.0)
 ERRORS = (0.3, 0.6, 1.0)
@@ -33,7 +33,7 @@ def fit_covariance(samples: FieldSamples, *, seed: int = 0) -> Covariance:
     if len(walks) < _MIN_WALKS:
         return Covariance()
     rng = np.random.default_rng(seed)
-    fold = rng.integers(_FOLDS, size=int(samples.walk.max()) + 1)[samples.walk.astype(np.int64)]
+    fold = rng.integers(_FOLDS, size=int(samples.walk.max()) + 1)[samples.walk]
     scores = {}
     for length in LENGTHS_M:
         for error in ERRORS:
@@ -43,9 +43,7 @@ def fit_covariance(samples: FieldSamples, *, seed: int = 0) -> Covariance:
     return best if np.isfinite(scores[best]) else Covariance()
 
 
-def _predictive_score(
-    samples: FieldSamples, covariance: Covariance, fold: Float64Array, rng: np.random.Generator
-) -> float:
+def _predictive_score(samples: FieldSamples, covariance: Covariance, fold: IntArray, rng: np.random.Generator) -> float:
     """Mean log density of left-out samples that have a neighbour of another fold within a metre."""
     level = field_level(samples, covariance)
     total, count = 0.0, 0
