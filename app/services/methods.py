@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 
 from app.engine.errors import InputError
+from app.engine.localization.registry import METHODS, create_tracker
 from app.services.errors import InvalidError
 
 MethodCheck = Callable[[str, Mapping[str, object]], None]
@@ -13,9 +14,6 @@ MethodCheck = Callable[[str, Mapping[str, object]], None]
 
 def check_method(method: str, parameters: Mapping[str, object]) -> None:
     """Refuse methods and parameters that the engine does not know, before anything is stored."""
-    # late: loading numba takes a second that `isodyn keys` and `isodyn db` need not wait for
-    from app.engine.localization.registry import METHODS, create_tracker
-
     if method not in METHODS:
         raise InvalidError("method", f"{method!r} is unknown", f"choose one of {', '.join(sorted(METHODS))}")
     try:

@@ -176,4 +176,5 @@ def _map_info(
         walks=build.walks,
         build_s=build_s,
         created_at=now,
+        has_obstacle=grid_map.obstacle is not None,
     )

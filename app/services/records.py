@@ -179,6 +179,8 @@ class MapInfo:
     walks: tuple[WalkReport, ...]
     build_s: float
     created_at: datetime
+    has_obstacle: bool = False
+    """Whether the level's vector plan limits where people walk."""
 
 
 @dataclass(frozen=True, slots=True)

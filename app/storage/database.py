@@ -116,7 +116,9 @@ def _begin(connection: Connection) -> Iterator[None]:
 
 def _is_busy(error: OperationalError) -> bool:
     # the low byte: there are several ways of being busy
-    return isinstance(error.orig, sqlite3.OperationalError) and error.orig.sqlite_errorcode & 0xFF == sqlite3.SQLITE_BUSY
+    return (
+        isinstance(error.orig, sqlite3.OperationalError) and error.orig.sqlite_errorcode & 0xFF == sqlite3.SQLITE_BUSY
+    )
 
 
 def _set_up_sqlite(engine: Engine, *, power_safe: bool, busy_timeout_s: float) -> None:

@@ -221,6 +221,7 @@ maps = Table(
     Column("field_sd", JSON, nullable=False),
     Column("walks", JSON, nullable=False),
     _double("build_s"),
+    Column("has_obstacle", Boolean, nullable=False),
     _time("created_at"),
     UniqueConstraint("level_id", "version"),
 )

@@ -1,9 +1,9 @@
 """Maps as content-hashed tiles.
 
-A tile is 64 x 64 cells (less at the far edges) of all layers (means, standard deviations, support, depth in
-obstacles: zero without a plan), little-endian float32, stored as zlib-compressed byte planes. Hashes cover the *uncompressed* values, so equal content has
-one hash whatever zlib packed it; a tile that two map versions have in common is stored once. A map's hash covers its
-header and its tiles' hashes.
+A tile is 64 x 64 cells (less at the far edges) of all layers (means, standard deviations, support and, with a floor
+plan, depth in obstacles), little-endian float32, stored as zlib-compressed byte planes. Hashes cover the
+*uncompressed* values, so equal content has one hash whatever zlib packed it; a tile that two map versions have in
+common is stored once. A map's hash covers its header and its tiles' hashes.
 """
 
 from __future__ import annotations
@@ -37,11 +37,12 @@ class MapHeader:
     columns: int
     mapped_m: float
     noise_sd: tuple[float, ...]
+    has_obstacle: bool
 
     @property
     def n_layers(self) -> int:
-        """Mean and sd of each channel, support, obstacle."""
-        return 2 * len(self.features.channels) + 2
+        """Mean and sd of each channel, support, and obstacle if there is one."""
+        return 2 * len(self.features.channels) + 1 + self.has_obstacle
 
     def to_json(self) -> str:
         """Stable text: equal headers give equal text."""
@@ -69,14 +70,14 @@ def header_of(grid_map: GridMap) -> MapHeader:
         columns=columns,
         mapped_m=float(grid_map.mapped_m),
         noise_sd=tuple(float(sd) for sd in grid_map.noise_sd),
+        has_obstacle=grid_map.obstacle is not None,
     )
 
 
 def stack_layers(grid_map: GridMap) -> Float32Array:
-    """Means, standard deviations, support, obstacle as one array, shape (layers, rows, columns)."""
-    obstacle = np.zeros(grid_map.shape, dtype=np.float32) if grid_map.obstacle is None else grid_map.obstacle
-    last = np.stack([grid_map.support, obstacle])
-    return np.concatenate([grid_map.mean, grid_map.sd, last]).astype("<f4", copy=False)
+    """Means, standard deviations, support and obstacle, if any, as one array, shape (layers, rows, columns)."""
+    single = [grid_map.support] if grid_map.obstacle is None else [grid_map.support, grid_map.obstacle]
+    return np.concatenate([grid_map.mean, grid_map.sd, np.stack(single)]).astype("<f4", copy=False)
 
 
 def split_layers(header: MapHeader, layers: Float32Array) -> GridMap:
@@ -95,7 +96,7 @@ def split_layers(header: MapHeader, layers: Float32Array) -> GridMap:
         support=layers[2 * channels],
         mapped_m=header.mapped_m,
         noise_sd=header.noise_sd,
-        obstacle=layers[2 * channels + 1],
+        obstacle=layers[2 * channels + 1] if header.has_obstacle else None,
     )
 
 

@@ -37,13 +37,13 @@ class Loader:
 
 def test_a_map_is_loaded_once_and_mapped_equal(tmp_path: Path, info: MapInfo) -> None:
     cache = FileMapCache(tmp_path / "cache")
-    loader = Loader(grid_map(info.level_id))
+    loader = Loader(grid_map(info.level_id, plan=True))
     ref = cache.ref(info, loader)
     again = FileMapCache(tmp_path / "cache").ref(info, loader)
     assert ref == again
     assert loader.calls == 1
     mapped = cache.open(ref)
-    for name in ("mean", "sd", "support"):
+    for name in ("mean", "sd", "support", "obstacle"):
         array = getattr(mapped, name)
         np.testing.assert_array_equal(array, getattr(loader.loaded, name))
         assert type(array) is np.ndarray
@@ -88,7 +88,7 @@ def test_the_entry_unused_for_longest_makes_room(tmp_path: Path, world: World) -
         world.build(level.id, seed=seed)
         infos.append(world.services.maps.current(level.id))
     one_map = grid_map(level.id)
-    size = (one_map.mean.nbytes + one_map.sd.nbytes + one_map.support.nbytes) + 200
+    size = FileMapCache(tmp_path / "measure").ref(infos[0], Loader(one_map)).path.stat().st_size
     cache = FileMapCache(tmp_path / "cache", max_bytes=2 * size)
     first, second = (cache.ref(one, Loader(one_map)).path for one in infos[:2])
     os.utime(first, (1, 1))

@@ -78,6 +78,7 @@ def map_info(id_: str = "map_1", *, version: int = 1, content_hash: str = "0" * 
         ),
         build_s=1.25,
         created_at=START,
+        has_obstacle=True,
     )
 
 
@@ -101,7 +102,7 @@ def add_survey(uow: UnitOfWork) -> None:
 
 def add_map(uow: UnitOfWork) -> MapInfo:
     add_level(uow)
-    packed = uow.maps.pack(grid_map("lvl_1"))
+    packed = uow.maps.pack(grid_map("lvl_1", plan=True))
     info = map_info(content_hash=packed.hash)
     uow.maps.add(info, packed)
     return info
@@ -265,7 +266,7 @@ def test_one_survey_holds_a_content_once(database: Database) -> None:
 
 def test_maps_come_back_and_become_current(database: Database) -> None:
     write(database, add_map)
-    expected = grid_map("lvl_1")
+    expected = grid_map("lvl_1", plan=True)
     with database() as uow:
         assert uow.levels.get("lvl_1").current_map_id is None
         info = uow.maps.get("map_1")
@@ -285,7 +286,7 @@ def test_maps_come_back_and_become_current(database: Database) -> None:
 
 def test_versions_share_their_equal_tiles(database: Database) -> None:
     write(database, add_map)
-    one = grid_map("lvl_1")
+    one = grid_map("lvl_1", plan=True)
     changed = replace(one, mean=one.mean.copy())
     changed.mean[0, 0, 0] += 1
 

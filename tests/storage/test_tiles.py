@@ -40,6 +40,7 @@ def any_map(draw: st.DrawFn) -> GridMap:
         support=layer(),
         mapped_m=draw(st.floats(0, 10)),
         noise_sd=tuple(draw(st.lists(st.floats(0, 10), min_size=k, max_size=k))),
+        obstacle=layer() if draw(st.booleans()) else None,
     )
 
 
@@ -53,8 +54,11 @@ def _unpack(given_map: GridMap, packed: PackedMap) -> GridMap:
 def test_any_map_round_trips_to_the_bit(given_map: GridMap) -> None:
     back = _unpack(given_map, pack_map(given_map))
     assert header_of(back) == header_of(given_map)
-    for name in ("mean", "sd", "support"):
+    assert (back.obstacle is None) == (given_map.obstacle is None)
+    for name in ("mean", "sd", "support", "obstacle"):
         before, after = getattr(given_map, name), getattr(back, name)
+        if before is None:
+            continue
         assert after.dtype == np.float32
         np.testing.assert_array_equal(after.view(np.uint32), before.view(np.uint32), err_msg=name)
 
@@ -82,15 +86,20 @@ def test_every_part_of_the_header_counts(change: dict[str, object]) -> None:
     assert pack_map(one).hash != pack_map(replace(one, **change)).hash  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize("layer", ["mean", "sd", "support"])
+@pytest.mark.parametrize("layer", ["mean", "sd", "support", "obstacle"])
 def test_one_changed_cell_changes_the_hash_and_one_tile(layer: str) -> None:
-    one = grid_map(rows=150, columns=150)
+    one = grid_map(rows=150, columns=150, plan=True)
     changed = getattr(one, layer).copy()
     changed[..., 70, 140] += 1
     before, after = pack_map(one), pack_map(replace(one, **{layer: changed}))
     assert before.hash != after.hash
     different = [new for old, new in zip(before.tiles, after.tiles, strict=True) if old.hash != new.hash]
     assert [(tile.row, tile.column) for tile in different] == [(1, 2)]
+
+
+def test_a_plan_without_obstacles_is_not_the_same_as_no_plan() -> None:
+    one = grid_map()
+    assert pack_map(one).hash != pack_map(replace(one, obstacle=np.zeros_like(one.support))).hash
 
 
 def test_a_missing_a_doubled_and_a_strange_tile_are_refused() -> None:

@@ -143,7 +143,13 @@ def new_walk(name: str = "walk", *, n: int = 500, seed: int = 0, wifi: RadioScan
 
 
 def grid_map(
-    level_id: str = "lvl", *, rows: int = 70, columns: int = 130, seed: int = 0, features: FeatureSet = FeatureSet.HV
+    level_id: str = "lvl",
+    *,
+    rows: int = 70,
+    columns: int = 130,
+    seed: int = 0,
+    features: FeatureSet = FeatureSet.HV,
+    plan: bool = False,
 ) -> GridMap:
     """A map of more than one tile; its last row is unmapped."""
     rng = np.random.default_rng(seed)
@@ -161,6 +167,7 @@ def grid_map(
         support=support,
         mapped_m=1.5,
         noise_sd=tuple(0.75 + 0.1 * i for i in range(k)),
+        obstacle=rng.uniform(0, 2, (rows, columns)).astype(np.float32) if plan else None,
     )
 
 

@@ -15,7 +15,16 @@ from app.storage.tiles import header_from, pack_map, unpack_map
 
 _PLAIN = (  # stored as they are
     *("id", "level_id", "version", "parent_id", "hash", "x0", "y0", "cell_m", "rows", "columns", "mapped_m"),
-    *("mapped_share", "mapped_area_m2", "n_walks", "n_samples", "length_scale_m", "build_s", "created_at"),
+    *(
+        "mapped_share",
+        "mapped_area_m2",
+        "n_walks",
+        "n_samples",
+        "length_scale_m",
+        "build_s",
+        "created_at",
+        "has_obstacle",
+    ),
 )
 _KNOWN_CHUNK = 500  # parameters of one IN list; SQLite takes at least 999
 

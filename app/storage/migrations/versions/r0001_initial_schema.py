@@ -150,6 +150,7 @@ def upgrade() -> None:
         sa.Column("field_sd", sa.JSON(), nullable=False),
         sa.Column("walks", sa.JSON(), nullable=False),
         sa.Column("build_s", sa.Double(), nullable=False),
+        sa.Column("has_obstacle", sa.Boolean(), nullable=False),
         sa.Column("created_at", sa.DateTime(timezone=True), nullable=False),
         sa.ForeignKeyConstraint(["level_id"], ["levels.id"], name=op.f("fk_maps_level_id")),
         sa.ForeignKeyConstraint(["parent_id"], ["maps.id"], name=op.f("fk_maps_parent_id")),
