@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import json
 import math
 
+from app.engine.errors import InputError
+from app.engine.mapping import FloorPlan
 from app.services.base import DEFAULT_LIMIT, Service, check_limit
 from app.services.errors import ConflictError, InvalidError, NotFoundError
 from app.services.ids import new_id
@@ -96,6 +99,7 @@ class VenueService(Service):
 
     def set_vector_plan(self, level_id: str, geojson: bytes) -> None:
         """Store the vector plan, a GeoJSON feature collection in level metres."""
+        _check_plan(geojson)
         with self._uow(write=True) as uow:
             uow.levels.set_vector_plan(level_id, geojson, self._clock())
 
@@ -106,3 +110,18 @@ class VenueService(Service):
         if geojson is None:
             raise NotFoundError("vector plan of level", level_id)
         return geojson
+
+
+def _check_plan(geojson: bytes) -> None:
+    """Refuse here what would fail every later build of a map."""
+    remedy = "send a GeoJSON FeatureCollection in level metres"
+    try:
+        plan = json.loads(geojson)
+    except ValueError as error:
+        raise InvalidError("plan", f"is not JSON: {error}", remedy) from error
+    if not isinstance(plan, dict):
+        raise InvalidError("plan", "is not a JSON object", remedy)
+    try:
+        FloorPlan.from_geojson(plan)
+    except InputError as error:
+        raise InvalidError(error.field, error.message, remedy) from error

@@ -7,7 +7,7 @@ from app.engine.types import FeatureSet, MapBuildSettings
 from app.services.errors import ConflictError, InvalidError, NoMapError, NotFoundError
 from app.services.records import JobKind, JobState, NewBuild
 from app.services.tasks import BuildResult
-from tests.support.builders import World, grid_map, map_build, new_walk
+from tests.support.builders import World, grid_map, map_build, new_walk, vector_plan
 
 
 def test_a_build_is_queued_for_the_level_with_its_settings(world: World) -> None:
@@ -66,6 +66,24 @@ def test_a_finished_build_becomes_the_current_version(world: World) -> None:
     assert newer.hash != info.hash
     assert world.services.maps.get(info.id) == info
     assert world.services.maps.list(level.id).items == (newer, info)
+
+
+def test_the_floor_plan_goes_into_the_build(world: World) -> None:
+    level = world.surveyed_level()
+    for drawn in (False, True):
+        if drawn:
+            world.services.venues.set_vector_plan(level.id, vector_plan())
+        world.services.maps.request_build(NewBuild(level.id))
+        (job,) = world.services.processing.claim(1)
+        plan = world.services.processing.build_spec(job).plan
+        assert (plan is not None) == drawn
+        world.services.processing.complete_build(job, BuildResult(map_build(level.id, plan=drawn), 0.1), 0.1)
+        info = world.services.maps.current(level.id)
+        assert info.has_obstacle == drawn
+        obstacle = world.services.maps.grid(info.id).obstacle
+        assert (obstacle is not None) == drawn
+    assert plan is not None
+    assert (len(plan.outline), len(plan.units)) == (1, 1)
 
 
 def test_the_cache_is_filled_again_from_the_database(world: World) -> None:

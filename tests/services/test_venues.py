@@ -6,7 +6,7 @@ import pytest
 
 from app.services.errors import ConflictError, InvalidError, NotFoundError
 from app.services.records import Anchor, VenueKind
-from tests.support.builders import World
+from tests.support.builders import World, vector_plan
 
 
 def test_a_venue_is_created_read_changed_and_deleted(world: World) -> None:
@@ -56,10 +56,30 @@ def test_plans_come_back_and_are_missed_by_name(world: World) -> None:
         with pytest.raises(NotFoundError, match="of level"):
             read(level.id)
     venues.set_plan_image(level.id, b"png")
-    venues.set_vector_plan(level.id, b"{}")
-    assert (venues.plan_image(level.id), venues.vector_plan(level.id)) == (b"png", b"{}")
+    venues.set_vector_plan(level.id, vector_plan())
+    assert (venues.plan_image(level.id), venues.vector_plan(level.id)) == (b"png", vector_plan())
     stored = venues.get_level(level.id)
     assert (stored.has_plan_image, stored.has_vector_plan) == (True, True)
+
+
+@pytest.mark.parametrize(
+    "geojson",
+    [
+        b"",
+        b"\xff\xfe",
+        b"[]",
+        b"{}",
+        b'{"type": "FeatureCollection"}',
+        vector_plan().replace(b"[61.0, 2.25]", b"[null]"),
+    ],
+    ids=str,
+)
+def test_a_plan_that_no_build_could_read_is_refused(world: World, geojson: bytes) -> None:
+    level = world.level()
+    with pytest.raises(InvalidError) as caught:
+        world.services.venues.set_vector_plan(level.id, geojson)
+    assert caught.value.field.startswith("plan")
+    assert not world.services.venues.get_level(level.id).has_vector_plan
 
 
 @pytest.mark.parametrize("limit", [0, -1, 501])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import json
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future
@@ -171,13 +172,26 @@ def grid_map(
     )
 
 
-def map_build(level_id: str = "lvl", *, seed: int = 0, walk_ids: Sequence[str] = ("wlk_1", "wlk_2")) -> MapBuild:
+def vector_plan() -> bytes:
+    """A floor of one rectangle with one room in it, GeoJSON in level metres."""
+    floor = [[-3.5, 2.25], [61.0, 2.25], [61.0, 36.75], [-3.5, 36.75], [-3.5, 2.25]]
+    room = [[5.0, 5.0], [9.0, 5.0], [9.0, 8.0], [5.0, 5.0]]
+    features = [
+        {"type": "Feature", "properties": {}, "geometry": {"type": "Polygon", "coordinates": [ring]}}
+        for ring in (floor, room)
+    ]
+    return json.dumps({"type": "FeatureCollection", "features": features}).encode()
+
+
+def map_build(
+    level_id: str = "lvl", *, seed: int = 0, walk_ids: Sequence[str] = ("wlk_1", "wlk_2"), plan: bool = False
+) -> MapBuild:
     """A finished build whose last walk was rejected."""
     reports = tuple(
         WalkReport(walk_id, 120, 80.0, (0.5, -1.0, 2.0), 0.9, "moved" if walk_id == walk_ids[-1] else None)
         for walk_id in walk_ids
     )
-    return MapBuild(grid_map(level_id, seed=seed), reports, 12_345, 2.5, (8.0, 7.5), {"nugget": 0.5})
+    return MapBuild(grid_map(level_id, seed=seed, plan=plan), reports, 12_345, 2.5, (8.0, 7.5), {"nugget": 0.5})
 
 
 def fix(t: float = T0, *, level_id: str = "lvl", x: float = 1.0, y: float = 2.0) -> Fix:
