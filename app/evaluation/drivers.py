@@ -14,6 +14,8 @@ from typing import Protocol
 import numpy as np
 
 from app.engine.errors import EngineError, MapError
+from app.engine.localization.particle import ParticleTracker
+from app.engine.localization.smoothing import smooth_session
 from app.engine.types import (
     Fix,
     Float32Array,
@@ -105,9 +107,19 @@ class EngineDriver:
 class Smoother(Protocol):
     """After-the-fact track of a trip, from all its segments at once."""
 
-    def __call__(self, trip: Trip, map_source: MapSource) -> Sequence[Fix]:
-        """Fixes in time order. Raises :class:`EngineError` if the trip cannot be smoothed."""
+    def __call__(self, tracker: Tracker, trip: Trip, map_source: MapSource) -> Sequence[Fix] | None:
+        """Fixes in time order, None if there is no smoother for this tracker.
+
+        Raises :class:`EngineError` if the trip cannot be smoothed.
+        """
         ...
+
+
+def smooth_in_engine(tracker: Tracker, trip: Trip, map_source: MapSource) -> Sequence[Fix] | None:
+    """The engine's smoother; only the particle tracker has one."""
+    if not isinstance(tracker, ParticleTracker):
+        return None
+    return smooth_session(tracker, trip.prior, trip.segments, map_source, seed=trip.seed)
 
 
 @dataclass(frozen=True, slots=True)

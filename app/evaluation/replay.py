@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 from app.engine.errors import EngineError
 from app.engine.inertial import detect_steps
-from app.engine.types import Fix, GridMap, MapSource, Tracker
+from app.engine.types import Fix, GridMap, Tracker
 from app.evaluation.datasets.ilc20 import RecordedWalk
 from app.evaluation.drivers import Driver, EngineDriver, GridMaps, Smoother
 from app.evaluation.metrics import score_steps
@@ -16,6 +16,7 @@ from app.evaluation.report import BASELINE, Dropped, ScoredTrack, WalkResult
 from app.evaluation.truth import MIN_STEPS, SurveyedArea, truth_at_steps
 
 CreateTracker = Callable[[str, Mapping[str, object]], Tracker]
+Smooth = Callable[[Trip], Sequence[Fix] | None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,20 +53,21 @@ Results = tuple[WalkResult | Dropped, ...]
 def replay_in_engine(work: EngineJob) -> Results:
     """Replay the walks through the engine, with dead reckoning and the smoothed track beside them."""
     maps = GridMaps(work.maps)
-    driver = EngineDriver(work.create_tracker(work.method, work.parameters), maps)
+    tracker = work.create_tracker(work.method, work.parameters)
+    smoother = work.smoother
+    smooth = None if smoother is None else lambda trip: smoother(tracker, trip, maps)
     baseline = EngineDriver(work.create_tracker(BASELINE, {}), maps)
-    return replay_walks(work.job, driver, baseline, work.smoother, maps)
+    return replay_walks(work.job, EngineDriver(tracker, maps), baseline, smooth)
 
 
 def replay_walks(
     job: Job,
     driver: Driver,
     baseline: Driver | None,
-    smoother: Smoother | None = None,
-    map_source: MapSource | None = None,
+    smooth: Smooth | None = None,
 ) -> Results:
     """Replay and score the walks of a job, in its order."""
-    return tuple(_replay_walk(job, walk, driver, baseline, smoother, map_source) for walk in job.walks)
+    return tuple(_replay_walk(job, walk, driver, baseline, smooth) for walk in job.walks)
 
 
 def _replay_walk(
@@ -73,8 +75,7 @@ def _replay_walk(
     walk: RecordedWalk,
     driver: Driver,
     baseline: Driver | None,
-    smoother: Smoother | None,
-    map_source: MapSource | None,
+    smooth: Smooth | None,
 ) -> WalkResult | Dropped:
     truth = truth_at_steps(detect_steps(walk.samples), walk.waypoints)
     if len(truth) < MIN_STEPS:
@@ -107,22 +108,17 @@ def _replay_walk(
     )
     if baseline and job.scenario is Scenario.TRACKING:  # it has nothing to start from in the others
         result = replace(result, baseline=scored(baseline.replay(trip).fixes))
-    if smoother and map_source:
-        result = _with_smoothed(result, trip, smoother, map_source, scored)
-    return result
+    return _with_smoothed(result, trip, smooth, scored) if smooth else result
 
 
 def _with_smoothed(
-    result: WalkResult,
-    trip: Trip,
-    smoother: Smoother,
-    map_source: MapSource,
-    scored: Callable[[Sequence[Fix]], ScoredTrack],
+    result: WalkResult, trip: Trip, smooth: Smooth, scored: Callable[[Sequence[Fix]], ScoredTrack]
 ) -> WalkResult:
     try:
-        return replace(result, smoothed=scored(smoother(trip, map_source)))
+        fixes = smooth(trip)
     except EngineError as error:
         return replace(result, failures=(*result.failures, f"smoothing: {error}"))
+    return result if fixes is None else replace(result, smoothed=scored(fixes))
 
 
 def wifi_is_used(work: EngineJob) -> bool:

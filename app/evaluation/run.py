@@ -19,7 +19,7 @@ from app.engine.errors import InputError
 from app.engine.localization import DEFAULT_METHOD, create_tracker, warm_up
 from app.engine.types import GridMap, Progress, SurveyWalk
 from app.evaluation.datasets.ilc20 import Ilc20Level, RecordedWalk, open_ilc20
-from app.evaluation.drivers import FieldRaster, HttpDriver, LevelUpload, Smoother, Transport
+from app.evaluation.drivers import FieldRaster, HttpDriver, LevelUpload, Smoother, Transport, smooth_in_engine
 from app.evaluation.errors import OptionsError
 from app.evaluation.prepare import PreparedLevel, PrepareTask, prepare_level
 from app.evaluation.protocol import Aids, EvaluationOptions, Scenario, Through
@@ -56,7 +56,7 @@ class Engine:
 
 def default_engine() -> Engine:
     """The real engine."""
-    return Engine(create_tracker, DEFAULT_METHOD, warm_up)
+    return Engine(create_tracker, DEFAULT_METHOD, warm_up, smoother=smooth_in_engine)
 
 
 def run_ilc20(
@@ -251,8 +251,14 @@ def _report(options: EvaluationOptions, levels: Sequence[Ilc20Level], run: _Run)
         dropped=(*unmapped, *(r for r in run.results if isinstance(r, Dropped))),
         maps={p.name: MapNote(p.n_walks, p.build_s) for p in run.prepared},
         aids_used=False if options.aids is Aids.NONE else run.aids_used,
-        notes=run.notes,
+        notes=(*run.notes, *_failures(run.results)),
     )
+
+
+def _failures(results: Results) -> tuple[str, ...]:
+    """A run must not pass over segments that failed."""
+    failures = [failure for result in results if isinstance(result, WalkResult) for failure in result.failures]
+    return (f"{len(failures)} failures; the first: {failures[0]}",) if failures else ()
 
 
 def _survey_walks(level: Ilc20Level, options: EvaluationOptions) -> tuple[SurveyWalk, ...]:

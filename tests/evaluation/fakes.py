@@ -31,6 +31,7 @@ from app.evaluation.datasets.ilc20 import RecordedWalk
 from app.evaluation.drivers import FieldRaster, LevelUpload
 from app.evaluation.errors import TransportError
 from app.evaluation.prepare import PreparedLevel, PrepareTask, surveyed_area
+from app.evaluation.protocol import Trip
 from app.evaluation.run import Engine
 
 START_MS = 1_574_568_594_892
@@ -204,10 +205,13 @@ def no_warm_up() -> None:
     return
 
 
-def smooth_to_origin(trip: object, map_source: MapSource) -> tuple[Fix, ...]:
+def smooth_to_one_place(tracker: object, trip: Trip, map_source: MapSource) -> tuple[Fix, ...]:
     """Stands for a smoother: the whole trip at one place."""
-    segments = trip.segments  # type: ignore[attr-defined]
-    return (fix(float(segments[0].samples.t[0]), 10.0, 2.0),)
+    return (fix(trip.start_t, 10.0, 2.0),)
+
+
+def refuse_to_smooth(tracker: object, trip: Trip, map_source: MapSource) -> tuple[Fix, ...]:
+    raise MapError("too short")
 
 
 FAKE_ENGINE = Engine(create_tracker, "drifting", no_warm_up, prepare_flat)

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 
@@ -95,3 +98,14 @@ def test_field_raster_shows_the_mapped_magnitude() -> None:
 def test_a_session_on_a_level_without_a_map_is_the_callers_matter() -> None:
     with pytest.raises(AssertionError):
         service().open_session(Prior("other"), method="", parameters={})
+
+
+def test_the_evaluation_knows_no_web_library() -> None:
+    """Neither HTTP nor the client nor the service: the transport is the caller's. (Matplotlib only for plots.)"""
+    script = (
+        "import sys, app.evaluation.run; "
+        "print([m for m in ('httpx', 'isodyn_client', 'fastapi', 'sqlalchemy', 'pydantic', 'matplotlib')"
+        " if m in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", script], check=True, capture_output=True, text=True)
+    assert done.stdout.strip() == "[]"

@@ -10,11 +10,22 @@ from typing import Any
 
 import pytest
 
+from app.evaluation.drivers import smooth_in_engine
 from app.evaluation.errors import DataSetError, OptionsError
-from app.evaluation.protocol import Aids, EvaluationOptions, Scenario, Through
+from app.evaluation.protocol import Aids, EvaluationOptions, Scenario, Through, make_trip
 from app.evaluation.report import RunStatus
 from app.evaluation.run import run_ilc20
-from tests.evaluation.fakes import FAKE_ENGINE, START_MS, FakeService, smooth_to_origin, straight_walk, write_level
+from tests.evaluation.fakes import (
+    FAKE_ENGINE,
+    START_MS,
+    DriftingTracker,
+    FakeService,
+    MapsOf,
+    refuse_to_smooth,
+    smooth_to_one_place,
+    straight_walk,
+    write_level,
+)
 
 S_KEYS = {
     "n_walks", "mean", "p50", "p75", "p90", "p95", "end_p50", "end_p90", "end_within_5m", "ellipse95", "sure_share",
@@ -166,6 +177,7 @@ def test_failed_segments_are_counted(data: Path) -> None:
     report = run(data, method="failing")
     assert report.walks[0].failures
     assert report.to_dict()["walks"][0]["failures"][0].startswith("segment")
+    assert "failures; the first: segment" in report.table()
 
 
 def test_wifi_that_changes_nothing_is_not_called_used(data: Path) -> None:
@@ -174,11 +186,23 @@ def test_wifi_that_changes_nothing_is_not_called_used(data: Path) -> None:
 
 
 def test_smoothed_tracks_stand_beside_the_causal_ones(data: Path) -> None:
-    report = run(data, engine=replace(FAKE_ENGINE, smoother=smooth_to_origin)).to_dict()
+    report = run(data, engine=replace(FAKE_ENGINE, smoother=smooth_to_one_place)).to_dict()
     walk = report["walks"][0]
     end_x = 0.7 * 30 / 0.55
     assert walk["smoothed"]["end"] == pytest.approx(end_x - 10.0, abs=1.5)
     assert report["smoothed"]["overall"]["all"]["n_walks"] == 3
+
+
+def test_a_trip_that_cannot_be_smoothed_is_noted(data: Path) -> None:
+    report = run(data, engine=replace(FAKE_ENGINE, smoother=refuse_to_smooth))
+    assert report.walks[0].smoothed is None
+    assert report.walks[0].failures == ("smoothing: too short",)
+    assert report.to_dict()["overall"]["all"]["p50"] is not None
+
+
+def test_the_engine_smooths_its_own_tracker_only() -> None:
+    trip = make_trip(straight_walk(), "x", Scenario.TRACKING)
+    assert smooth_in_engine(DriftingTracker(), trip, MapsOf(("x",))) is None
 
 
 def test_unknown_names_are_refused(data: Path, tmp_path: Path) -> None:
