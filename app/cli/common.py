@@ -31,9 +31,9 @@ DEFAULT_URL = "http://127.0.0.1:8080"
 
 def connect(url: str, key: str | None) -> Client:
     """Client of the service."""
-    from isodyn_client import Client
+    from isodyn_client import Client, RetryPolicy
 
-    return Client(url, key)
+    return Client(url, key, retry=RetryPolicy(retries=3))
 
 
 def reported(command: Callable[P, R]) -> Callable[P, R]:
@@ -79,23 +79,15 @@ def hint_for(error: Exception) -> str:
 
 
 def print_table(columns: Sequence[str], rows: Iterable[Sequence[object]], *, empty: str = "nothing there") -> None:
-    """Aligned columns; the first one to the left, never wrapped (ids are meant to be copied)."""
-    from rich import box
-    from rich.console import Console
-    from rich.table import Table
-
-    table = Table(box=box.SIMPLE_HEAD)
-    for number, name in enumerate(columns):
-        table.add_column(name, justify="left" if number == 0 else "right", no_wrap=True)
-    for row in rows:
-        table.add_row(*(str(cell) for cell in row))
-    console = Console()
-    if not table.row_count:
-        console.print(empty)
+    """Aligned columns. Nothing is cut off or wrapped: ids are meant to be copied, output to be piped."""
+    lines = [tuple(columns), *(tuple(str(cell) for cell in row) for row in rows)]
+    if len(lines) == 1:
+        typer.echo(empty)
         return
-    if not console.is_terminal:  # a pipe has no width: nothing is cut off
-        console.width = max(console.width, console.measure(table).maximum)
-    console.print(table)
+    widths = [max(len(line[i]) for line in lines) for i in range(len(columns))]
+    lines.insert(1, tuple("-" * width for width in widths))
+    for line in lines:
+        typer.echo("  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)).rstrip())
 
 
 def progress_bars() -> Bars:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import socket
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -30,8 +31,37 @@ def serve(
 
     Example:  isodyn serve --port 8080 --data-dir data
     """
-    from app import main
+    from pydantic import ValidationError
+
+    from app.cli.errors import SettingsError, StartError
     from app.settings import Settings
 
     given: dict[str, Any] = {"host": host, "port": port, "data_dir": data_dir, "workers": workers}
-    main.serve(Settings(**{name: value for name, value in given.items() if value is not None}))
+    try:
+        settings = Settings(**{name: value for name, value in given.items() if value is not None})
+    except ValidationError as error:
+        raise SettingsError([(str(one["loc"][0]), one["msg"]) for one in error.errors()]) from error
+    check_port(settings.host, settings.port)
+    # takes some seconds to import: only once the settings are in order
+    from app import main
+
+    try:
+        with main.claim_data_dir(settings.data_dir):
+            pass
+    except main.DataDirInUseError as error:
+        raise StartError(str(error)) from error
+    main.serve(settings)
+
+
+def check_port(host: str, port: int) -> None:
+    """Find out whether the address can be listened on before anything is started: the answer comes at once."""
+    from app.cli.errors import StartError
+
+    try:
+        family, kind, protocol, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
+        with socket.socket(family, kind, protocol) as probe:
+            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            probe.bind(address)
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise StartError(f"cannot listen on {host} port {port} ({reason.lower()}); choose another --port") from error
