@@ -1,0 +1,258 @@
+"""The Python client against the real service: every call, every answer read."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from pathlib import Path
+
+import httpx
+import isodyn_client as isodyn
+import numpy as np
+import pytest
+from isodyn_client import endpoints
+
+from app.cli.convert import samples_of, waypoints_of, wifi_of
+from app.evaluation.datasets.ilc20 import Ilc20Level, RecordedWalk
+from app.main import create_app
+from app.services.accounts import AccountService
+from app.services.clock import utc_now
+from app.services.records import Scope
+from app.settings import Settings
+from app.storage.database import Database
+from tests.cli.conftest import SAMPLE, Service, Surveyed
+
+
+@pytest.fixture(scope="module")
+def walk() -> RecordedWalk:
+    return next(walk for walk in Ilc20Level("site1-F2", SAMPLE).walks("train") if walk.walk_id.startswith("5dda402"))
+
+
+def start_of(walk: RecordedWalk) -> isodyn.Prior:
+    return isodyn.Prior(x=float(walk.waypoints.x[0]), y=float(walk.waypoints.y[0]), heading_deg=10.0)
+
+
+def test_venues_and_levels(service: Service) -> None:
+    with service.client() as client:
+        anchor = isodyn.Anchor(latitude_deg=48.15, longitude_deg=11.57, bearing_deg=12.5)
+        venue = client.create_venue("Mall", kind="area", anchor=anchor)
+        assert client.venue(venue.id) == venue
+        assert (venue.kind, venue.anchor) == (isodyn.VenueKind.AREA, anchor)
+        assert client.update_venue(venue.id, name="Other").name == "Other"
+        assert venue.id in {one.id for one in client.venues()}
+        level = client.create_level(venue.id, "F1", extent=isodyn.Extent(x_min=0, y_min=0, x_max=9, y_max=9))
+        assert client.level(level.id) == level
+        assert [one.id for one in client.levels(venue_id=venue.id)] == [level.id]
+        with pytest.raises(isodyn.NotFoundError):
+            client.plan_image(level.id)
+        with pytest.raises(isodyn.InvalidRequestError):
+            client.set_plan_image(level.id, b"not a PNG")
+        with pytest.raises(isodyn.ConflictError):
+            client.delete_venue(venue.id)
+        empty = client.create_venue("Empty")
+        client.delete_venue(empty.id)
+        with pytest.raises(isodyn.NotFoundError):
+            client.venue(empty.id)
+
+
+def test_an_idempotent_creation_gives_the_first_thing_again(service: Service) -> None:
+    call = endpoints.create_venue("Twice")
+    with service.client() as client:
+        assert client.call(call).id == client.call(call).id
+
+
+def test_devices(service: Service) -> None:
+    with service.client() as client:
+        device = client.create_device("phone", model="PBCM10")
+        assert client.device(device.id) == device
+        assert device.id in {one.id for one in client.devices()}
+
+
+@pytest.mark.parametrize("encoding", ["msgpack", "json"])
+@pytest.mark.parametrize("gzip", [False, True])
+def test_the_same_walk_is_the_same_walk_however_it_is_sent(
+    service: Service, surveyed: Surveyed, walk: RecordedWalk, encoding: str, gzip: bool
+) -> None:
+    with service.client() as client:
+        survey = client.create_survey(surveyed.level_id, f"{encoding} {gzip}")
+        first = client.add_walk(survey.id, "a", samples_of(walk.samples), waypoints_of(walk.waypoints))
+        again = client.add_walk(
+            survey.id, "b", samples_of(walk.samples), waypoints_of(walk.waypoints), encoding=encoding, gzip=gzip
+        )
+        assert again.id == first.id
+        assert (first.n_samples, first.n_waypoints) == (len(walk.samples), len(walk.waypoints))
+        assert first.length_m == pytest.approx(walk.path_length_m, rel=1e-3)
+        assert client.walk(survey.id, first.id) == first
+        assert client.survey(survey.id).n_walks == 1
+        client.delete_walk(survey.id, first.id)
+        assert list(client.walks(survey.id)) == []
+
+
+def test_maps(service: Service, surveyed: Surveyed) -> None:
+    with service.client() as client:
+        info = client.map_info(surveyed.map_id)
+        assert info.id in {one.id for one in client.maps(level_id=surveyed.level_id)}
+        raster = client.map_field(info.id, "z")
+        coverage = client.map_coverage(info.id)
+        assert raster.values.shape == coverage.mapped.shape == (info.rows, info.columns)
+        np.testing.assert_array_equal(np.isfinite(raster.values), coverage.mapped)
+        assert (raster.x0, raster.y0, raster.cell_m) == pytest.approx((info.x0, info.y0, info.cell_m))
+        spread = client.map_field(info.id, "z", statistic="sd").values[coverage.mapped]
+        assert (spread > 0).all()
+        with pytest.raises(isodyn.InvalidRequestError):
+            client.map_field(info.id, "w")
+
+
+def test_a_session_from_first_to_last(service: Service, surveyed: Surveyed, walk: RecordedWalk) -> None:
+    samples = samples_of(walk.samples)
+    with service.client() as client:
+        with client.open_session(surveyed.level_id, prior=start_of(walk), parameters={"particles": 500}) as session:
+            results = list(session.send_all(samples, wifi=wifi_of(walk.wifi), wait=20))
+            repeated = client.send_segment(session.id, 0, next(samples.split()), wifi=first_wifi(walk, samples), wait=1)
+        assert [result.seq for result in results] == list(range(len(results)))
+        assert all(result.fixes is not None and result.position is not None for result in results)
+        assert repeated.fixes is not None
+        np.testing.assert_array_equal(repeated.fixes.xy, results[0].fixes.xy)  # type: ignore[union-attr]
+        assert session.info.status is isodyn.SessionStatus.CLOSED
+        fixes = session.positions()
+        assert len(fixes) == sum(len(result.fixes) for result in results if result.fixes)
+        last = results[-1].position
+        assert last is not None
+        assert (last.x, last.y) == (fixes.x[-1], fixes.y[-1])
+        assert fixes.ellipse95(-1).semi_major_m == pytest.approx(last.ellipse95.semi_major_m, abs=2e-3)
+        assert len(session.positions(seq=1)) == len(results[1].fixes or ())
+        assert [info.seq for info in client.segments(session.id)] == list(range(len(results)))
+        with pytest.raises(isodyn.SessionClosedError):
+            session.send(samples)
+
+
+def first_wifi(walk: RecordedWalk, samples: isodyn.Samples) -> isodyn.WifiScans | None:
+    wifi = wifi_of(walk.wifi)
+    first = next(samples.split())
+    return wifi.between(-np.inf, first.t_ms[-1] + 1.0) if wifi else None
+
+
+def test_wrong_segments_have_their_errors(service: Service, surveyed: Surveyed, walk: RecordedWalk) -> None:
+    pieces = list(samples_of(walk.samples).split(2.0))
+    with service.client() as client:
+        session = client.open_session(surveyed.level_id, prior=start_of(walk))
+        session.send(pieces[0])
+        with pytest.raises(isodyn.SequenceGapError):
+            client.send_segment(session.id, 5, pieces[1])
+        with pytest.raises(isodyn.SequenceConflictError):
+            client.send_segment(session.id, 0, pieces[1])
+        tesla = isodyn.Samples(pieces[1].t_ms, pieces[1].mag * 1000, pieces[1].acc, pieces[1].gyro)
+        with pytest.raises(isodyn.InvalidRequestError, match="nT") as caught:
+            session.send(tesla)
+        assert (caught.value.field or "").startswith("samples.mag")
+        assert caught.value.remedy
+        assert session.next_seq == 1
+        assert session.wait_for(0).state is isodyn.JobState.DONE
+
+
+def test_waiting_later_gives_the_same(service: Service, surveyed: Surveyed, walk: RecordedWalk) -> None:
+    with service.client() as client:
+        session = client.open_session(surveyed.level_id, prior=start_of(walk))
+        for piece in list(samples_of(walk.samples).split())[:2]:
+            session.send(piece)
+        later = client.resume_session(session.id)
+        assert later.next_seq == 2
+        assert later.wait_for(1).fixes is not None
+
+
+def test_one_shot(service: Service, surveyed: Surveyed, walk: RecordedWalk) -> None:
+    samples = samples_of(walk.samples)[:500]
+    with service.client() as client:
+        result = client.locate(surveyed.level_id, samples, prior=start_of(walk), method="dead_reckoning")
+        assert (result.method, result.map_id) == ("dead_reckoning", surveyed.map_id)
+        assert len(result.fixes) > 5
+        with pytest.raises(isodyn.InvalidRequestError):
+            client.locate(surveyed.level_id, samples, method="crystal_ball")
+
+
+def test_geojson_needs_an_anchor(service: Service, surveyed: Surveyed, walk: RecordedWalk) -> None:
+    with service.client() as client:
+        session = client.open_session(surveyed.level_id, prior=start_of(walk))
+        session.send(next(samples_of(walk.samples).split()), wait=20)
+        with pytest.raises(isodyn.NoAnchorError):
+            client.positions_geojson(session.id)
+        venue_id = client.level(surveyed.level_id).venue_id
+        client.update_venue(venue_id, anchor=isodyn.Anchor(latitude_deg=30.3, longitude_deg=120.1))
+        collection = json.loads(client.positions_geojson(session.id))
+    longitude, latitude = collection["features"][0]["geometry"]["coordinates"]
+    assert (longitude, latitude) == (pytest.approx(120.1, abs=0.01), pytest.approx(30.3, abs=0.01))
+
+
+def test_jobs_methods_keys_stats(service: Service, surveyed: Surveyed) -> None:
+    with service.client() as client:
+        build = next(client.jobs(kind="build_map", state="done"))
+        assert client.job(build.id) == build
+        assert client.wait_for_job(build.id).result["map_id"]
+        methods = {method.name: method for method in client.methods()}
+        assert {"particle", "dead_reckoning"} <= set(methods)
+        assert client.method("particle") == methods["particle"]
+        key = client.create_key("contract", ["locate"])
+        assert client.key(key.id).scopes == {isodyn.Scope.LOCATE}
+        with isodyn.Client(service.url, key.secret) as weak, pytest.raises(isodyn.ForbiddenError):
+            weak.create_survey(surveyed.level_id, "not allowed")
+        client.revoke_key(key.id)
+        with isodyn.Client(service.url, key.secret) as revoked, pytest.raises(isodyn.UnauthorizedError):
+            list(revoked.venues())
+        assert client.stats().maps >= 1
+        client.ready()
+
+
+def test_a_level_without_a_map(service: Service) -> None:
+    with service.client() as client:
+        level = client.create_level(client.create_venue("New").id, "F1", extent=(0, 0, 10, 10))
+        with pytest.raises(isodyn.NoMapError):
+            client.open_session(level.id)
+        with pytest.raises(isodyn.ConflictError):
+            client.request_map(level.id)
+
+
+def test_every_call_of_the_api_has_a_method(service: Service) -> None:
+    """A call added to the service is a call to add here."""
+    paths = httpx.get(f"{service.url}/openapi.json", trust_env=False).json()["paths"]
+    served = {(verb.upper(), path) for path, verbs in paths.items() for verb in verbs if path.startswith("/v1/")}
+    source = Path(endpoints.__file__).read_text()
+    for verb, path in sorted(served):
+        pattern = path.split("{")[0]
+        assert pattern.rstrip("/") in source, f"{verb} {path}"
+
+
+@asynccontextmanager
+async def in_process(folder: Path) -> AsyncIterator[isodyn.AsyncClient]:
+    """A client of a service in this very process, without a socket."""
+    settings = Settings(data_dir=folder / "data", pool="inline", log_level="warning")
+    app = create_app(settings)
+    async with app.router.lifespan_context(app):
+        database = Database.at(settings.database_path)
+        _, key = AccountService(uow=database, clock=utc_now).create_key("tests", {Scope.ADMIN})
+        transport = httpx.ASGITransport(app)
+        async with isodyn.AsyncClient("http://in-process", key, transport=transport) as client:
+            yield client
+        database.close()
+
+
+def test_the_async_client_in_process(tmp_path: Path, walk: RecordedWalk) -> None:
+    async def run() -> None:
+        async with in_process(tmp_path) as client:
+            venue = await client.create_venue("Mall")
+            level = await client.create_level(venue.id, "F2", extent=(0, 0, 240, 180))
+            assert [one.id async for one in client.levels(venue_id=venue.id)] == [level.id]
+            survey = await client.create_survey(level.id, "survey")
+            await client.add_walk(survey.id, "a", samples_of(walk.samples), waypoints_of(walk.waypoints), gzip=True)
+            info = await client.build_map(level.id, cell_m=1.0)
+            raster = await client.map_field(info.id, "x")
+            assert raster.values.shape == (info.rows, info.columns)
+            async with await client.open_session(level.id, prior=start_of(walk)) as session:
+                results = [result async for result in session.send_all(samples_of(walk.samples), wait=20)]
+            assert all(result.fixes is not None for result in results)
+            assert len(await session.positions()) > 10
+            with pytest.raises(isodyn.NotFoundError):
+                await client.venue("ven_0")
+
+    asyncio.run(run())
