@@ -1,0 +1,149 @@
+"""Slow twins of the kernels: obviously right, in plain numpy and Python."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+
+def level(t, mag, acc, gyro, rotation, t0, heading, gain):
+    """Attitude with rotation vectors in place of quaternion increments. Returns (n, 5) as the kernel."""
+    out = np.empty((len(t), 5))
+    for i in range(len(t)):
+        up = rotation.inv().apply([0.0, 0.0, 1.0])
+        rate = gyro[i].copy()
+        norm = np.linalg.norm(acc[i])
+        if norm > 1.0:
+            rate += gain / (1.0 + ((norm - 9.81) / 2.0) ** 2) * np.cross(acc[i] / norm, up)
+        rotation = rotation * Rotation.from_rotvec(rate * (t[i] - t0))
+        t0 = t[i]
+        forward = rotation.apply([0.0, 1.0, 0.0])
+        if np.hypot(forward[0], forward[1]) < 0.5:
+            forward = rotation.apply([0.0, 0.0, -1.0])
+        turn = np.arctan2(forward[1], forward[0]) - heading
+        heading += turn - 2.0 * np.pi * np.floor(turn / (2.0 * np.pi) + 0.5)
+        m = rotation.apply(mag[i])
+        out[i, 0] = np.cos(heading) * m[0] + np.sin(heading) * m[1]
+        out[i, 1] = -np.sin(heading) * m[0] + np.cos(heading) * m[1]
+        out[i, 2] = m[2]
+        out[i, 3] = heading
+        out[i, 4] = rotation.apply(acc[i])[2]
+    return out
+
+
+def matern(d, length):
+    """Matern 3/2 correlation."""
+    a = np.sqrt(3.0) * d / length
+    return (1.0 + a) * np.exp(-a)
+
+
+def krige(xy, walk, z, nodes, covariance):
+    """Simple kriging with all samples by a dense solve; mean (m, channels) and variance (m,) in units of the sill."""
+    d = np.linalg.norm(xy[:, None] - xy[None], axis=-1)
+    k = matern(d, covariance.length_m)
+    k += (walk[:, None] == walk[None]) * covariance.error * np.exp(-d / covariance.error_length_m)
+    k += covariance.white * np.eye(len(xy))
+    b = matern(np.linalg.norm(nodes[:, None] - xy[None], axis=-1), covariance.length_m)
+    weights = np.linalg.solve(k, b.T).T
+    return weights @ z, 1.0 - np.sum(weights * b, axis=1)
+
+
+def bilinear(plane, gx, gy):
+    """Value of a plane at fractional column gx and row gy, clamped to its edge."""
+    rows, columns = plane.shape
+    gx, gy = np.clip(gx, 0, columns - 1.001), np.clip(gy, 0, rows - 1.001)
+    ix, iy = int(gx), int(gy)
+    fx, fy = gx - ix, gy - iy
+    top = plane[iy, ix] * (1 - fx) + plane[iy, ix + 1] * fx
+    bottom = plane[iy + 1, ix] * (1 - fx) + plane[iy + 1, ix + 1] * fx
+    return top * (1 - fy) + bottom * fy
+
+
+def nearest(plane, gx, gy):
+    """Value of the nearest node."""
+    rows, columns = plane.shape
+    return plane[int(np.clip(gy, 0, rows - 1.001) + 0.5), int(np.clip(gx, 0, columns - 1.001) + 0.5)]
+
+
+def particle_step(p, grid, motion, z, par, mode, first, normals, u):
+    """One particle after the other, with trigonometry and matrices. ``normals`` (4, n).
+
+    Returns weighted particles, moments (as the kernel's ``est``) and resampling indices (None if not resampled).
+    """
+    p = p.astype(float).copy()
+    n = p.shape[1]
+    turn_mid, turn, stride, x0, y0 = motion
+    cell = 1.0 / par[0]
+    rho = 0.0 if first else np.exp(-stride * par[8])
+    fresh, white = 1.0 - rho, 1.0 - rho**2
+    for i in range(n):
+        x, y, c, s, scale, carry = p[:6, i]
+        n0, n1, n2, n3 = normals[:, i]
+        heading = np.arctan2(s, c)
+        carry += par[4] * n3
+        scale += par[3] * n2
+        length = stride * scale * (1.0 + par[2] * n1)
+        x += length * np.cos(heading + turn_mid - carry) + par[5] * normals[3, n - 1 - i]
+        y += length * np.sin(heading + turn_mid - carry) + par[5] * normals[2, n - 1 - i]
+        heading += turn + par[1] * n0
+        p[:6, i] = x, y, np.cos(heading), np.sin(heading), scale, carry
+        gx, gy = (x - x0) / cell, (y - y0) / cell
+        m = np.array([bilinear(grid[..., k], gx, gy) for k in range(3)])
+        var = np.array([nearest(grid[..., 3], gx, gy) + par[6]] * 2 + [nearest(grid[..., 4], gx, gy) + par[7]])
+        if mode == 0:
+            c, s = np.cos(heading), np.sin(heading)
+            m = np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]]) @ m
+            used = [0, 1, 2]
+        else:
+            used = [0, 2] if mode == 1 else [2]
+        weight = bilinear(grid[..., 6], gx, gy)
+        quad = 0.0
+        for k in used:
+            row = 13 if k == 2 else 12
+            spread = p[row, i]
+            residual = z[k] - m[k]
+            innovation = residual - rho * p[9 + k, i] - fresh * p[6 + k, i]
+            total = var[k] * white + fresh**2 * spread
+            quad += innovation**2 / total
+            weight /= np.sqrt(total)
+            p[6 + k, i] += fresh * spread / total * innovation
+            p[9 + k, i] = residual
+        for row in {13 if k == 2 else 12 for k in used}:
+            total = (var[2] if row == 13 else var[0]) * white + fresh**2 * p[row, i]
+            p[row, i] += par[11] - fresh**2 * p[row, i] ** 2 / total
+        p[14, i] *= weight / (1.0 + quad / par[9]) ** 4
+    p[14] /= p[14].sum()
+    w = p[14]
+    mean = np.array([w @ p[0], w @ p[1]])
+    d = p[:2] - mean[:, None]
+    cov = (w * d) @ d.T
+    direction = np.arctan2(p[3], p[2]) - p[5]
+    mapped = sum(w[i] * nearest(grid[..., 5], (p[0, i] - x0) / cell, (p[1, i] - y0) / cell) for i in range(n))
+    moments = np.array(
+        [1.0, *mean, cov[0, 0], cov[0, 1], cov[1, 1], w @ np.cos(direction), w @ np.sin(direction), mapped, w @ w]
+    )
+    if moments[9] * n * par[10] < 1.0:
+        return p, moments, None
+    return p, moments, np.searchsorted(np.cumsum(w), (np.arange(n) + u) / n)
+
+
+def steps(t, vertical, smooth_s, peak_s, swing_s, min_swing, min_interval_s, settle_s):
+    """Steps by looking at every sample with full windows."""
+    smooth = np.array(
+        [
+            0.5 * vertical[np.abs(t - at) <= smooth_s + 1e-9].mean()
+            + 0.5 * vertical[np.abs(t - at) <= smooth_s / 2 + 1e-9].mean()
+            for at in t
+        ]
+    )
+    found = []
+    for i in range(1, len(t) - 1):
+        if not (smooth[i] >= smooth[i - 1] and smooth[i] > smooth[i + 1]):
+            continue
+        if t[i] > t[-1] - settle_s or (found and t[i] < found[-1] + min_interval_s):
+            continue
+        around = (t >= t[i] - peak_s) & (t <= t[i] + peak_s)
+        before = (t >= t[i] - swing_s) & (t <= t[i])
+        if smooth[i] >= smooth[around].max() and smooth[i] - smooth[before].min() >= min_swing:
+            found.append(t[i])
+    return np.array(found)
