@@ -18,6 +18,7 @@ from app.api.middleware import AnswerMiddleware
 from app.api.ports import ApiSettings, Broker, Metrics, Readiness
 from app.api.ratelimit import RateLimiter
 from app.api.routers import ROUTERS
+from app.api.routing import allowed_methods
 from app.services.container import Services
 
 Lifespan = Callable[[FastAPI], AbstractAsyncContextManager[None]]
@@ -42,6 +43,7 @@ def create_api(
         summary="Geomagnetic positioning: segments of magnetometer and inertial samples in, positions out.",
         description=openapi.DESCRIPTION,
         openapi_tags=openapi.TAGS,
+        openapi_url=None,  # /openapi.json and /docs are routes like all others: see docs_page
         docs_url=None,
         redoc_url=None,
         lifespan=lifespan,
@@ -60,10 +62,10 @@ def create_api(
         uploads=anyio.CapacityLimiter(_LARGE_UPLOADS),
         locates=anyio.CapacityLimiter(_LOCATES),
     )
-    for router in ROUTERS:
+    routers = (*ROUTERS, docs_page.router)
+    for router in routers:
         app.include_router(router)
-    app.include_router(docs_page.router)
-    errors.install(app)
+    errors.install(app, lambda path: allowed_methods(routers, path))
     openapi.install(app)
     if settings.cors_origins:
         app.add_middleware(

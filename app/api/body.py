@@ -11,6 +11,7 @@ from typing import Any
 
 import msgpack
 import orjson
+from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
 
 from app.api.errors import BodyTooLargeError, MalformedBodyError, MediaTypeError
@@ -66,7 +67,10 @@ async def read_body(request: Request, limit: int) -> bytes:
             raise BodyTooLargeError(f"the body has more than the {limit} bytes that are taken: send smaller pieces")
         chunks.append(chunk)
     body = b"".join(chunks)
-    return body if encoding == "identity" else inflate(body, limit * INFLATE_RATIO)
+    if encoding == "identity":
+        return body
+    # In a thread: the largest body takes a tenth of a second, in which the loop would answer nobody.
+    return await run_in_threadpool(inflate, body, limit * INFLATE_RATIO)
 
 
 def inflate(body: bytes, limit: int) -> bytes:
@@ -97,8 +101,8 @@ def decode(body: bytes, kind: str) -> Any:
     return _decode_msgpack(body) if kind in {MSGPACK, MSGPACK_REGISTERED} else decode_json(body)
 
 
-def decode_json(body: bytes) -> Any:
-    """Decode JSON strictly; only NaN and infinities come through, so that their field can be named later.
+def decode_json(body: bytes, *, non_finite: bool = True) -> Any:
+    """Decode JSON strictly; only NaN and infinities come through (``non_finite``), so that their field can be named.
 
     Those are what ``json.dumps`` of several languages writes for a missing reading: a position in the text would
     not help the caller, the field's name does.
@@ -106,14 +110,15 @@ def decode_json(body: bytes) -> Any:
     try:
         return orjson.loads(body)
     except orjson.JSONDecodeError as error:
-        lenient = _with_non_finite(body)
+        lenient = _with_non_finite(body, overflow="infinity" in error.msg) if non_finite else None
         if lenient is None:
             where = f"line {error.lineno} column {error.colno}"
             raise MalformedBodyError(f"the body is not valid JSON: {error.msg} ({where})") from error
         return lenient
 
 
-def _with_non_finite(body: bytes) -> Any:
+def _with_non_finite(body: bytes, *, overflow: bool) -> Any:
+    """Decode with NaN, Infinity and (``overflow``) numbers like 1e999; None if that is not what was wrong."""
     seen: list[str] = []
 
     def constant(name: str) -> float:
@@ -124,7 +129,7 @@ def _with_non_finite(body: bytes) -> Any:
         value = json.loads(body, parse_constant=constant)
     except (ValueError, RecursionError):
         return None
-    return value if seen else None
+    return value if seen or overflow else None
 
 
 def _decode_msgpack(body: bytes) -> Any:

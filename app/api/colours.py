@@ -34,7 +34,8 @@ def _oklch_to_srgb(lightness: Float64Array, chroma: Float64Array, hue: Float64Ar
     lab = np.stack([lightness, chroma * np.cos(hue), chroma * np.sin(hue)], axis=1)
     linear = np.clip(((lab @ _TO_LMS.T) ** 3) @ _TO_RGB.T, 0.0, 1.0)
     encoded = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
-    return np.round(encoded * 255).astype(np.uint8)
+    table: NDArray[np.uint8] = np.round(encoded * 255).astype(np.uint8)
+    return table
 
 
 def _table() -> NDArray[np.uint8]:

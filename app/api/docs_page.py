@@ -1,4 +1,4 @@
-"""``/docs``: the OpenAPI document as one plain page, without scripts and without a request to anywhere else."""
+"""``/openapi.json``, and ``/docs``: the same as one plain page, without scripts and without a request elsewhere."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from typing import Any
 
 from fastapi import Request
-from fastapi.responses import HTMLResponse
+from fastapi.responses import HTMLResponse, JSONResponse
 
 from app.api.auth import public
 from app.api.routing import api_router
@@ -31,6 +31,12 @@ nav a { margin-right: .8rem; }
 """
 # No source but this page itself: nothing on it can load or run.
 _POLICY = "default-src 'none'; style-src 'unsafe-inline'; base-uri 'none'; form-action 'none'"
+
+
+@router.get("/openapi.json", include_in_schema=False, dependencies=[public()])
+async def openapi_document(request: Request) -> JSONResponse:
+    """Return the OpenAPI document."""
+    return JSONResponse(request.app.openapi())
 
 
 @router.get("/docs", include_in_schema=False, dependencies=[public()])

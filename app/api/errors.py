@@ -19,8 +19,8 @@ problem; a test keeps the two in step.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import orjson
@@ -243,11 +243,14 @@ def problem_of(error: Exception) -> Problem:
     return Problem(kind, str(error) or kind.title, _errors_in(error), _headers_of(error))
 
 
-def install(app: FastAPI) -> None:
-    """Answer every error with a problem body."""
+def install(app: FastAPI, allowed_methods: Callable[[str], str]) -> None:
+    """Answer every error with a problem body; ``allowed_methods`` says what a path takes."""
 
     async def handle(request: Request, error: Exception) -> Response:
-        return problem_of(error).response(request.url.path)
+        problem = problem_of(error)
+        if problem.type is METHOD_NOT_ALLOWED:
+            problem = replace(problem, headers={"Allow": allowed_methods(request.url.path)})
+        return problem.response(request.url.path)
 
     for kind in (*PROBLEM_OF, RequestValidationError, HTTPException, Exception):
         app.add_exception_handler(kind, handle)

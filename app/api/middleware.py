@@ -1,4 +1,4 @@
-"""What every answer gets: rate limit headers, and a place in the metrics."""
+"""What every answer gets: rate limit headers, and a place in the metrics. HEAD is GET without the body."""
 
 from __future__ import annotations
 
@@ -27,6 +27,8 @@ class AnswerMiddleware:
             await self._app(scope, receive, send)
             return
         started = time.perf_counter()
+        head = scope["method"] == "HEAD"
+        inner = {**scope, "method": "GET", "state": scope.setdefault("state", {})} if head else scope
         # What no handler answers, the server answers with 500.
         status = 500
 
@@ -34,14 +36,16 @@ class AnswerMiddleware:
             nonlocal status
             if message["type"] == "http.response.start":
                 status = message["status"]
-                self._add_headers(scope, MutableHeaders(scope=message))
+                self._add_headers(inner, MutableHeaders(scope=message))
+            elif head:
+                message = {**message, "body": b""}
             await send(message)
 
         try:
-            await self._app(scope, receive, answer)
+            await self._app(inner, receive, answer)
         finally:
             seconds = time.perf_counter() - started
-            self._metrics.observe_request(scope["method"], _route_of(scope), status, seconds)
+            self._metrics.observe_request(scope["method"], _route_of(inner), status, seconds)
 
     def _add_headers(self, scope: Scope, headers: MutableHeaders) -> None:
         headers["X-Content-Type-Options"] = "nosniff"

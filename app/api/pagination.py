@@ -8,6 +8,7 @@ from urllib.parse import urlencode
 
 from fastapi import Depends, Query, Request, Response
 
+from app.api.validation import ID_PATTERN
 from app.services.base import DEFAULT_LIMIT, MAX_LIMIT
 
 
@@ -19,10 +20,11 @@ class Paging:
     limit: int
 
 
+_Cursor = Query(min_length=1, max_length=64, pattern=ID_PATTERN, description="`next_cursor` of the page before.")
+
+
 async def _paging(
-    cursor: Annotated[
-        str | None, Query(pattern=r"^[a-z0-9_]{1,64}$", description="`next_cursor` of the page before.")
-    ] = None,
+    cursor: Annotated[str | None, _Cursor] = None,
     limit: Annotated[int, Query(ge=1, le=MAX_LIMIT, description="Items a page.")] = DEFAULT_LIMIT,
 ) -> Paging:
     return Paging(cursor, limit)

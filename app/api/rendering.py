@@ -143,7 +143,8 @@ def png_size(data: bytes) -> tuple[int, int] | None:
 
 def _norm_sd(mean: Float32Array, sd: Float32Array, norm: Float32Array) -> Float32Array:
     if len(mean) == 1:
-        return sd[0]
+        only: Float32Array = sd[0]
+        return only
     with np.errstate(invalid="ignore", divide="ignore"):
         slope_sd = np.sqrt(((mean * sd) ** 2).sum(axis=0)) / norm
     # At a zero of the field no direction is singled out: the mean of the components' variances.

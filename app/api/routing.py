@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Coroutine
+from collections.abc import Callable, Coroutine, Sequence
 from typing import Any
 
 from fastapi import APIRouter, Request, Response
@@ -71,3 +71,13 @@ class ApiRoute(APIRoute):
 def api_router(tag: str) -> APIRouter:
     """Router of one noun."""
     return APIRouter(tags=[tag], route_class=ApiRoute)
+
+
+def allowed_methods(routers: Sequence[APIRouter], path: str) -> str:
+    """Value of the ``Allow`` header of a path: what any route takes there."""
+    methods: set[str] = set()
+    for router in routers:
+        for route in router.routes:
+            if isinstance(route, ApiRoute) and route.path_regex.match(path):
+                methods |= route.methods or set()
+    return ", ".join(sorted(methods | ({"HEAD"} if "GET" in methods else set())))

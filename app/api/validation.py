@@ -8,11 +8,18 @@ from typing import Any
 
 _SOURCES = frozenset({"body", "query", "path", "header"})
 
+NAME_PATTERN = r"^[^\x00-\x1f\x7f]*[^\x00-\x20\x7f][^\x00-\x1f\x7f]*$"
+ID_PATTERN = r"^[a-z0-9_]+$"
+
+PATTERN_WORDS: Mapping[str, tuple[str, str]] = {
+    NAME_PATTERN: ("shows nothing, or holds control characters", "send a line of text"),
+    ID_PATTERN: ("is not an id or cursor of this service", "send it as it was answered: a-z, 0-9 and _"),
+}
+"""What a string lacks that does not match: regular expressions are for programs."""
+
 _REMEDIES: Mapping[str, str] = {
     "missing": "add this field",
     "extra_forbidden": "remove it or correct its name; unknown fields are not taken",
-    "enum": "send one of the values named in the message",
-    "literal_error": "send one of the values named in the message",
     "finite_number": "send a finite number",
     "json_invalid": "send valid JSON",
     "model_type": "send an object",
@@ -24,7 +31,6 @@ _REMEDIES: Mapping[str, str] = {
     "string_unicode": "send valid Unicode",
     "string_too_short": "send a longer string",
     "string_too_long": "send a shorter string",
-    "string_pattern_mismatch": "send a string of the form named in the message",
     "bool_type": "send true or false",
     "int_type": "send an integer",
     "int_parsing": "send an integer",
@@ -60,12 +66,19 @@ def _field_error(error: Mapping[str, Any]) -> FieldError:
     kind = str(error["type"])
     message = str(error["msg"])
     context = error.get("ctx") or {}
+    field = field_path(error["loc"])
+    if kind == "missing" and field == "body":
+        return FieldError(field, "is empty", "send a JSON object")
+    if context.get("pattern") in PATTERN_WORDS:
+        return FieldError(field, *PATTERN_WORDS[context["pattern"]])
     remedy = str(context.get("remedy", "")) or _remedy(kind, context)
-    return FieldError(field_path(error["loc"]), message[:1].lower() + message[1:], remedy)
+    return FieldError(field, message[:1].lower() + message[1:], remedy)
 
 
 def _remedy(kind: str, context: Mapping[str, Any]) -> str:
     for bound, words in (("ge", "at least"), ("gt", "more than"), ("le", "at most"), ("lt", "less than")):
         if bound in context:
             return f"send a value of {words} {context[bound]}"
+    if kind in {"enum", "literal_error"}:
+        return f"send {context['expected']}"
     return _REMEDIES.get(kind, "correct the value; /docs shows what is taken")

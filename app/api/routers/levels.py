@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import Annotated
 
-import orjson
 from fastapi import Query, Request, Response
 from starlette.concurrency import run_in_threadpool
 
@@ -126,8 +125,8 @@ async def set_vector_plan(level_id: str, request: Request, context: ContextDep) 
     """Store the vector plan: a GeoJSON FeatureCollection whose coordinates are level metres, not degrees."""
     require_media_type(request, JSON)
     body = await read_body(request, context.settings.max_body_bytes)
-    plan = await run_in_threadpool(_checked_plan, body)
-    await run_in_threadpool(context.services.venues.set_vector_plan, level_id, plan)
+    await run_in_threadpool(_check_plan, body)
+    await run_in_threadpool(context.services.venues.set_vector_plan, level_id, body)
     return Response(status_code=204)
 
 
@@ -162,10 +161,9 @@ def _check_png(png: bytes) -> None:
         )
 
 
-def _checked_plan(body: bytes) -> bytes:
-    value = decode_json(body)
-    fault = plan_fault(value)
+def _check_plan(body: bytes) -> None:
+    # Kept as it was sent, so it must be JSON to everybody: no NaN.
+    fault = plan_fault(decode_json(body, non_finite=False))
     if fault is not None:
         field, message = fault
         raise RejectedError([FieldError(field, message, "send a GeoJSON FeatureCollection in level metres")])
-    return orjson.dumps(value)

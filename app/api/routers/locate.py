@@ -40,15 +40,15 @@ async def locate(request: Request, context: ContextDep) -> Response:
 
 
 def _locate(services: Services, body: bytes, kind: str) -> bytes:
-    upload_ = parse(body, kind, LocateIn)
-    samples, wifi = checked_samples(upload_.samples, upload_.wifi, upload_.frame, SEGMENT_LIMITS)
+    query = parse(body, kind, LocateIn)
+    samples, wifi = checked_samples(query.samples, query.wifi, query.frame, SEGMENT_LIMITS)
     located = services.locate.locate(
-        upload_.level_id,
-        upload_.method,
-        upload_.parameters,
-        upload_.prior and upload_.prior.prior(upload_.level_id),
+        query.level_id,
+        query.method,
+        query.parameters,
+        query.prior.prior(query.level_id) if query.prior else None,
         samples,
         wifi=wifi,
-        map_id=upload_.map_id,
+        map_id=query.map_id,
     )
     return orjson.dumps(located_object(located))

@@ -34,7 +34,7 @@ def create_session(body: SessionIn, services: ServicesDep, creation: CreationDep
             body.level_id,
             body.method,
             body.parameters,
-            body.prior and body.prior.prior(body.level_id),
+            body.prior.prior(body.level_id) if body.prior else None,
             device_id=body.device_id,
             map_id=body.map_id,
         ),

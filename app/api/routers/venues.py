@@ -27,7 +27,7 @@ router = api_router("venues")
 )
 def create_venue(body: VenueIn, services: ServicesDep, creation: CreationDep, response: Response) -> VenueOut:
     """Create a place with one local frame; its storeys are levels."""
-    anchor = body.anchor and body.anchor.record()
+    anchor = body.anchor.record() if body.anchor else None
     venue = creation.once(lambda: services.venues.create(body.name, body.kind, anchor), services.venues.get)
     response.headers["Location"] = f"/v1/venues/{venue.id}"
     return VenueOut.of(venue)
@@ -61,7 +61,7 @@ def get_venue(venue_id: str, services: ServicesDep) -> VenueOut:
 def update_venue(venue_id: str, body: VenuePatch, services: ServicesDep) -> VenueOut:
     """Change name or anchor; what is not sent stays as it is, `"anchor": null` takes the anchor away."""
     venue = services.venues.get(venue_id)
-    anchor = body.anchor and body.anchor.record()
+    anchor = body.anchor.record() if body.anchor else None
     changed = services.venues.update(
         venue_id,
         name=venue.name if body.name is None else body.name,

@@ -3,19 +3,14 @@
 from __future__ import annotations
 
 from datetime import datetime
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, PlainSerializer, WithJsonSchema
 
-from app.services.records import Page
-
-T = TypeVar("T")
-
-NAME_PATTERN = r"^[^\x00-\x1f\x7f]*[^\x00-\x20\x7f][^\x00-\x1f\x7f]*$"
-"""At least one character that shows, no control characters."""
+from app.api.validation import ID_PATTERN, NAME_PATTERN
 
 Name = Annotated[str, Field(min_length=1, max_length=200, pattern=NAME_PATTERN)]
-IdRef = Annotated[str, Field(min_length=1, max_length=64, pattern=r"^[a-z0-9_]+$")]
+IdRef = Annotated[str, Field(min_length=1, max_length=64, pattern=ID_PATTERN)]
 Number = Annotated[float, Field(strict=True)]
 Metres = Annotated[float, Field(strict=True, ge=-1e6, le=1e6)]
 Integer = Annotated[int, Field(strict=True)]
@@ -55,8 +50,3 @@ class PageOut(Out):
 def example(value: dict[str, Any]) -> ConfigDict:
     """Model configuration with one example."""
     return ConfigDict(json_schema_extra={"examples": [value]})
-
-
-def cursor_of(page: Page[T]) -> str | None:
-    """Return the page's cursor."""
-    return page.next_cursor

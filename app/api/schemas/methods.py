@@ -59,14 +59,14 @@ class ParameterOut(Out):
     @classmethod
     def of(cls, item: dataclasses.Field[Any], bound: Bound | None, description: str) -> Self:
         """Show a field of a parameter class."""
-        enum = isinstance(item.default, StrEnum)
+        default = item.default
         return cls(
             name=item.name,
-            type=_type_name(item.default),
-            default=str(item.default) if enum else item.default,
+            type=_type_name(default),
+            default=str(default) if isinstance(default, StrEnum) else default,
             minimum=bound.low if bound else None,
             maximum=bound.high if bound else None,
-            choices=[str(member) for member in type(item.default)] if enum else None,
+            choices=[str(member) for member in type(default)] if isinstance(default, StrEnum) else None,
             description=description,
         )
 

@@ -7,7 +7,7 @@ it, so the cost does not grow with a model per sample.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from enum import StrEnum
 from typing import Annotated, Any
 
@@ -20,6 +20,14 @@ from app.api.schemas.base import IdRef, In, Integer, Name
 from app.engine.types import Float64Array
 
 _NUMBERS = frozenset({int, float})
+_WORDS: Mapping[type, str] = {
+    type(None): "null",
+    str: "a string",
+    bool: "a boolean",
+    list: "an array",
+    dict: "an object",
+    bytes: "a binary",
+}
 MAX_SEQ = 2**31 - 1
 
 
@@ -52,7 +60,7 @@ def _column(dtype: str) -> Callable[[object], Float64Array]:
 
 def _not_a_number(values: list[Any]) -> PydanticCustomError:
     index, value = next((i, v) for i, v in enumerate(values) if type(v) not in _NUMBERS)
-    what = "null" if value is None else type(value).__name__
+    what = _WORDS.get(type(value), "something else")
     return PydanticCustomError(
         "column_value",
         "value {index} is {what}, not a number",

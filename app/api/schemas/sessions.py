@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Annotated, Any, Self
 
-from pydantic import Field, JsonValue, model_validator
+from pydantic import Field, PlainValidator, WithJsonSchema, model_validator
 from pydantic_core import PydanticCustomError
 
 from app.api.schemas.base import IdRef, In, Metres, Number, Out, PageOut, Time, example
@@ -37,8 +37,21 @@ _SESSION = {
 }
 _DEFAULTS = Prior(level_id="")
 
+
+def _parameter(value: object) -> object:
+    if isinstance(value, str | bool | int) or (isinstance(value, float) and math.isfinite(value)):
+        return value
+    raise PydanticCustomError(
+        "parameter", "is not a finite number, a string or a boolean", {"remedy": "see GET /v1/methods for its type"}
+    )
+
+
+# A union would put the name of its branch into the path of every error.
+ParameterValue = Annotated[
+    object, PlainValidator(_parameter), WithJsonSchema({"type": ["number", "string", "boolean"]})
+]
 Parameters = Annotated[
-    dict[Annotated[str, Field(max_length=64)], JsonValue],
+    dict[Annotated[str, Field(max_length=64)], ParameterValue],
     Field(max_length=64, description="Parameters of the method; what is not named has its default."),
 ]
 

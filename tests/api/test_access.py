@@ -1,0 +1,187 @@
+"""Who may call what: over every route of the application."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+
+import pytest
+from fastapi.routing import iter_route_contexts
+
+from app.api.auth import KEY_CACHE_S, Access, KeyCache
+from app.api.routing import ApiRoute, UndeclaredAccessError, api_router
+from app.services.records import ApiKey, Scope
+from tests.api.harness import Api
+from tests.support.builders import START
+
+LOCATE, SURVEY, ADMIN = Access(Scope.LOCATE), Access(Scope.SURVEY), Access(Scope.ADMIN)
+ANY, PUBLIC = Access(None), Access(None, public=True)
+
+TABLE = {
+    "GET /healthz": PUBLIC,
+    "GET /readyz": PUBLIC,
+    "GET /metrics": PUBLIC,
+    "GET /docs": PUBLIC,
+    "GET /openapi.json": PUBLIC,
+    "POST /v1/venues": SURVEY,
+    "GET /v1/venues": ANY,
+    "GET /v1/venues/{venue_id}": ANY,
+    "PATCH /v1/venues/{venue_id}": SURVEY,
+    "DELETE /v1/venues/{venue_id}": SURVEY,
+    "POST /v1/venues/{venue_id}/levels": SURVEY,
+    "GET /v1/levels": ANY,
+    "GET /v1/levels/{level_id}": ANY,
+    "PUT /v1/levels/{level_id}/plan.png": SURVEY,
+    "GET /v1/levels/{level_id}/plan.png": ANY,
+    "PUT /v1/levels/{level_id}/plan.geojson": SURVEY,
+    "GET /v1/levels/{level_id}/plan.geojson": ANY,
+    "POST /v1/devices": LOCATE,
+    "GET /v1/devices": LOCATE,
+    "GET /v1/devices/{device_id}": LOCATE,
+    "POST /v1/surveys": SURVEY,
+    "GET /v1/surveys": SURVEY,
+    "GET /v1/surveys/{survey_id}": SURVEY,
+    "POST /v1/surveys/{survey_id}/walks": SURVEY,
+    "GET /v1/surveys/{survey_id}/walks": SURVEY,
+    "GET /v1/surveys/{survey_id}/walks/{walk_id}": SURVEY,
+    "DELETE /v1/surveys/{survey_id}/walks/{walk_id}": SURVEY,
+    "POST /v1/maps": SURVEY,
+    "GET /v1/maps": ANY,
+    "GET /v1/maps/{map_id}": ANY,
+    "GET /v1/maps/{map_id}/field": ANY,
+    "GET /v1/maps/{map_id}/coverage": ANY,
+    "POST /v1/sessions": LOCATE,
+    "GET /v1/sessions": LOCATE,
+    "GET /v1/sessions/{session_id}": LOCATE,
+    "POST /v1/sessions/{session_id}/close": LOCATE,
+    "POST /v1/sessions/{session_id}/segments": LOCATE,
+    "GET /v1/sessions/{session_id}/segments": LOCATE,
+    "GET /v1/sessions/{session_id}/segments/{seq}": LOCATE,
+    "GET /v1/sessions/{session_id}/positions": LOCATE,
+    "POST /v1/locate": LOCATE,
+    "GET /v1/jobs": ANY,
+    "GET /v1/jobs/{job_id}": ANY,
+    "POST /v1/jobs/{job_id}/cancel": ANY,
+    "GET /v1/methods": ANY,
+    "GET /v1/methods/{name}": ANY,
+    "POST /v1/keys": ADMIN,
+    "GET /v1/keys": ADMIN,
+    "GET /v1/keys/{key_id}": ADMIN,
+    "DELETE /v1/keys/{key_id}": ADMIN,
+    "GET /v1/stats": ADMIN,
+}
+GUARDED = {name: access for name, access in TABLE.items() if not access.public}
+
+
+def routes_of(api: Api) -> dict[str, Access]:
+    found = {}
+    for context in iter_route_contexts(api.app.routes):
+        route = context.original_route
+        assert isinstance(route, ApiRoute), f"{context.path} is not an ApiRoute: nothing checks its caller"
+        for method in route.methods or ():
+            found[f"{method} {route.path}"] = Access(route.access.scope, public=route.access.public)
+    return found
+
+
+def call(api: Api, name: str, key: Scope | str | None) -> tuple[int, str]:
+    method, path = name.split(" ")
+    response = api.call(method, re.sub(r"\{seq\}", "0", re.sub(r"\{\w+_id\}|\{name\}", "x_1", path)), key=key)
+    problem = response.headers["content-type"] == "application/problem+json"
+    return response.status_code, response.json()["type"].rpartition("/")[2] if problem else ""
+
+
+def test_every_route_declares_the_access_of_the_table(api: Api) -> None:
+    assert routes_of(api) == TABLE
+
+
+def test_a_route_without_declared_access_cannot_exist() -> None:
+    with pytest.raises(UndeclaredAccessError):
+        api_router("x").get("/x")(lambda: None)
+
+
+def test_the_matrix(api: Api) -> None:
+    for name, access in GUARDED.items():
+        assert call(api, name, None) == (401, "unauthorized"), name
+        assert call(api, name, "isk_unknown") == (401, "unauthorized"), name
+        for scope in Scope:
+            allowed = access.scope is None or scope in (access.scope, Scope.ADMIN)
+            status, slug = call(api, name, scope)
+            assert (slug == "forbidden") == (not allowed), f"{name} as {scope}: {status} {slug}"
+            assert status != 401, f"{name} as {scope}"
+
+
+def test_public_routes_need_no_key(api: Api) -> None:
+    for name, access in TABLE.items():
+        if access.public:
+            assert call(api, name, None)[0] == 200, name
+
+
+@pytest.mark.parametrize(
+    "headers", [{"X-API-Key": "{}"}, {"Authorization": "Bearer {}"}, {"Authorization": "bearer {}"}]
+)
+def test_both_headers_work(api: Api, headers: dict[str, str]) -> None:
+    secret = api.secrets[Scope.LOCATE]
+    given = {name: value.format(secret) for name, value in headers.items()}
+    assert api.get("/v1/venues", key=None, headers=given).status_code == 200
+
+
+@pytest.mark.parametrize(
+    "headers",
+    [
+        {"Authorization": "Basic dTpw"},
+        {"Authorization": "Bearer "},
+        {"Authorization": "Bearer"},
+        {"X-API-Key": ""},
+        {"X-API-Key": "x" * 10_000},
+    ],
+)
+def test_other_credentials_do_not(api: Api, headers: dict[str, str]) -> None:
+    response = api.get("/v1/venues", key=None, headers=headers)
+    assert response.status_code == 401
+    assert response.headers["WWW-Authenticate"].startswith("Bearer")
+
+
+def test_a_revoked_key_is_refused_at_once(api: Api) -> None:
+    made = api.ok("POST", "/v1/keys", json={"name": "short-lived", "scopes": ["locate"]})
+    assert api.get("/v1/venues", key=made["secret"]).status_code == 200
+    assert api.call("DELETE", f"/v1/keys/{made['id']}").status_code == 204
+    assert api.get("/v1/venues", key=made["secret"]).status_code == 401
+
+
+def test_the_key_comes_before_the_body(api: Api) -> None:
+    assert (
+        api.post("/v1/venues", key=None, content=b"{", headers={"Content-Type": "application/json"}).status_code == 401
+    )
+
+
+def test_secrets_are_asked_for_once_and_then_trusted_for_a_while() -> None:
+    now, asked = [0.0], []
+    key = ApiKey("key_1", "k", frozenset({Scope.LOCATE}), START, None, None)
+
+    def verify(secret: str) -> ApiKey | None:
+        asked.append(secret)
+        return key if secret == "good" else None
+
+    cache = KeyCache(verify, lambda: now[0])
+    assert cache.cached("good") is None
+    assert cache.verify("good") == key
+    assert cache.cached("good") == key
+    now[0] = KEY_CACHE_S
+    assert cache.cached("good") is None
+    assert cache.verify("bad") is None
+    assert cache.cached("bad") is None
+    assert asked == ["good", "bad"]
+
+
+def test_a_revocation_during_verification_wins() -> None:
+    key = ApiKey("key_1", "k", frozenset({Scope.LOCATE}), START, None, None)
+    forget: list[Callable[[], None]] = []
+
+    def verify(_: str) -> ApiKey:
+        forget[0]()
+        return key
+
+    cache = KeyCache(verify)
+    forget.append(cache.forget_all)
+    cache.verify("secret")
+    assert cache.cached("secret") is None

@@ -1,0 +1,92 @@
+from __future__ import annotations
+
+import pytest
+
+from app.services.records import Scope
+from tests.api.harness import Api
+
+
+def test_open_read_list_close(api: Api) -> None:
+    level = api.mapped_level()
+    device_id = api.ok("POST", "/v1/devices", json={"name": "phone"})["id"]
+    body = {
+        "level_id": level.id,
+        "method": "particle",
+        "parameters": {"particles": 500},
+        "prior": {"x": 1.5, "y": 2.5, "radius_m": 2.0, "heading_deg": 90.0, "heading_sd_deg": 10.0},
+        "device_id": device_id,
+    }
+    response = api.post("/v1/sessions", key=Scope.LOCATE, json=body)
+    assert response.status_code == 201
+    session = response.json()
+    assert {name: session[name] for name in body} == body
+    assert (session["map_id"], session["venue_id"]) == (level.current_map_id, level.venue_id)
+    assert (session["status"], session["next_seq"], session["closed_at"]) == ("open", 0, None)
+    path = response.headers["Location"]
+    assert api.get(path).json() == session
+
+    other = api.ok("POST", "/v1/sessions", json={"level_id": level.id})
+    closed = api.ok("POST", f"{path}/close", key=Scope.LOCATE)
+    assert closed["status"] == "closed"
+    assert api.ok("POST", f"{path}/close") == closed
+    for query, expected in (
+        ("", [other["id"], session["id"]]),
+        ("?status=open", [other["id"]]),
+        ("?status=closed", [session["id"]]),
+        (f"?device_id={device_id}", [session["id"]]),
+        (f"?level_id={level.id}&status=open", [other["id"]]),
+    ):
+        assert [item["id"] for item in api.ok("GET", f"/v1/sessions{query}")["items"]] == expected, query
+
+
+def test_defaults(api: Api) -> None:
+    session = api.ok("POST", "/v1/sessions", json={"level_id": api.mapped_level().id})
+    assert (session["method"], session["parameters"], session["device_id"]) == ("particle", {}, None)
+    prior = session["prior"]
+    assert (prior["x"], prior["y"], prior["heading_deg"]) == (None, None, None)
+
+
+def test_a_map_version_can_be_pinned(api: Api) -> None:
+    level = api.mapped_level()
+    first = level.current_map_id
+    api.ok("POST", "/v1/maps", json={"level_id": level.id}, headers={"Prefer": "wait=5"})
+    assert api.ok("POST", "/v1/sessions", json={"level_id": level.id, "map_id": first})["map_id"] == first
+    assert api.ok("POST", "/v1/sessions", json={"level_id": level.id})["map_id"] != first
+    foreign = api.post("/v1/sessions", json={"level_id": api.level().id, "map_id": first})
+    assert foreign.json()["errors"][0]["field"] == "map_id"
+
+
+def test_a_level_without_a_map(api: Api) -> None:
+    response = api.post("/v1/sessions", json={"level_id": api.level().id})
+    assert response.status_code == 409
+    problem = response.json()
+    assert problem["type"] == "https://isodyn.dev/problems/no-map"
+    assert "POST /v1/maps" in problem["detail"]
+    assert api.stored()["sessions"] == 0
+
+
+@pytest.mark.parametrize(
+    ("change", "field"),
+    [
+        ({"method": "magic"}, "method"),
+        ({"parameters": {"wands": 1}}, "parameters.wands"),
+        ({"parameters": {"particles": "many"}}, "parameters.particles"),
+        ({"parameters": {"particles": 1}}, "parameters.particles"),
+        ({"parameters": {"particles": [1]}}, "parameters.particles"),
+        ({"parameters": {"particles": None}}, "parameters.particles"),
+        ({"prior": {"x": 1.0}}, "prior"),
+        ({"prior": {"x": "1", "y": 2}}, "prior.x"),
+        ({"prior": {"radius_m": 0}}, "prior.radius_m"),
+        ({"prior": {"heading": 1}}, "prior.heading"),
+        ({"level": "x"}, "level"),
+        ({"device_id": ""}, "device_id"),
+    ],
+)
+def test_what_cannot_be_accepted_is_named(api: Api, change: dict[str, object], field: str) -> None:
+    before = api.mapped_level()
+    response = api.post("/v1/sessions", json={"level_id": before.id, **change})
+    assert response.status_code == 422
+    (error,) = response.json()["errors"]
+    assert error["field"] == field
+    assert error["remedy"]
+    assert api.stored()["sessions"] == 0
