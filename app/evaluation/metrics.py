@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +21,7 @@ ELLIPSE95 = 5.991
 GRACE_S = 5.0
 SAME_TIME_S = 0.05
 """A fix up to this much after the step still counts as the fix of the step."""
+_LINEAR = ("x", "y", "cov_xx", "cov_xy", "cov_yy")
 NEAR_M = 5.0
 WRONG_M = 10.0
 
@@ -87,6 +88,23 @@ def score_steps(
         located[answered] = np.array([fix.status is not Status.INSUFFICIENT for fix in ordered])[at]
         inside[answered] = level_right[answered] & (mahalanobis2(dx, dy, [ordered[i] for i in at]) <= ELLIPSE95)
     return StepScores(t, truth.travelled[rows], error, answered, inside, sure, level_right, located)
+
+
+def interpolate_fixes(fixes: Sequence[Fix], t: Float64Array) -> tuple[Fix, ...]:
+    """A smoothed track at the times ``t``: positions and covariances linear between neighbours, ends held.
+
+    A track after the fact knows what comes next, so it is not scored by its newest fix as a causal one is.
+    """
+    ordered = sorted((fix for fix in fixes if math.isfinite(fix.x + fix.y)), key=lambda fix: fix.t)
+    if not ordered:
+        return ()
+    own = np.array([fix.t for fix in ordered])
+    columns = {name: np.interp(t, own, [getattr(fix, name) for fix in ordered]) for name in _LINEAR}
+    nearest = np.abs(own - t[:, None]).argmin(axis=1)
+    return tuple(
+        replace(ordered[i], t=float(time), **{name: float(column[k]) for name, column in columns.items()})
+        for k, (time, i) in enumerate(zip(t, nearest, strict=True))
+    )
 
 
 def mahalanobis2(dx: Float64Array, dy: Float64Array, fixes: Sequence[Fix]) -> Float64Array:

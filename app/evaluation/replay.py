@@ -10,7 +10,7 @@ from app.engine.inertial import detect_steps
 from app.engine.types import Fix, GridMap, Tracker
 from app.evaluation.datasets.ilc20 import RecordedWalk
 from app.evaluation.drivers import Driver, EngineDriver, GridMaps, Smoother
-from app.evaluation.metrics import score_steps
+from app.evaluation.metrics import interpolate_fixes, score_steps
 from app.evaluation.protocol import Aids, Scenario, Trip, make_trip
 from app.evaluation.report import BASELINE, Dropped, ScoredTrack, WalkResult
 from app.evaluation.truth import MIN_STEPS, SurveyedArea, truth_at_steps
@@ -118,7 +118,10 @@ def _with_smoothed(
         fixes = smooth(trip)
     except EngineError as error:
         return replace(result, failures=(*result.failures, f"smoothing: {error}"))
-    return result if fixes is None else replace(result, smoothed=scored(fixes))
+    if fixes is None:
+        return result
+    scores = scored(interpolate_fixes(fixes, result.truth.t)).scores
+    return replace(result, smoothed=ScoredTrack(tuple(fixes), scores))
 
 
 def wifi_is_used(work: EngineJob) -> bool:

@@ -17,6 +17,7 @@ from app.evaluation.metrics import (
     StepScores,
     Summary,
     confidence,
+    interpolate_fixes,
     mahalanobis2,
     score_steps,
     summarize,
@@ -151,6 +152,21 @@ def test_confidence_of_the_sure_flags() -> None:
 def test_insufficient_fixes_do_not_count_as_located() -> None:
     result = scores([fix(5.0, status=Status.INSUFFICIENT), fix(8.0, status=Status.AMBIGUOUS)])
     np.testing.assert_array_equal(result.located, [False] * 3 + [True] * 3)
+
+
+def test_a_smoothed_track_is_scored_between_its_fixes() -> None:
+    """Fixes at 4 s and 8 s on the truth, variance 1 and 3; the ends are held."""
+    track = [fix(8.0, 8.0, 0.0, sd=3**0.5, sure=False), fix(4.0, 4.0, 0.0)]
+    np.testing.assert_allclose(scores(interpolate_fixes(track, TRUTH.t)).error, [0, 0, 0, 0, 1, 2], atol=1e-12)
+    at = interpolate_fixes(track, np.array([0.0, 5.0, 6.5, 9.0]))
+    assert [(f.t, f.x, f.sure) for f in at] == [
+        (0.0, 4.0, True),
+        (5.0, 5.0, True),
+        (6.5, 6.5, False),
+        (9.0, 8.0, False),
+    ]
+    assert [f.cov_xx for f in at] == pytest.approx([1.0, 1.5, 2.25, 3.0])
+    assert interpolate_fixes([], TRUTH.t) == ()
 
 
 finite = st.floats(-1e3, 1e3)
