@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
@@ -125,8 +126,13 @@ class ParticleTracker:
         last_t = float(segment.samples.t[-1])
         return TrackerState(self.method, session.encode(), last_t), tuple(fixes)
 
-    def walk(self, session: SessionState, segment: Segment, map_source: MapSource) -> list[tuple[Fix, Advance | None]]:
-        """Advance ``session`` in place: each step's fix with what the filter did, and the fix at the end."""
+    def walk(
+        self, session: SessionState, segment: Segment, map_source: MapSource
+    ) -> Iterator[tuple[Fix, Advance | None]]:
+        """Advance ``session`` in place: each step's fix with what the filter did, and the fix at the end.
+
+        The next step overwrites the particles of the one before: take what is needed before going on.
+        """
         rng = np.random.default_rng([session.seed, session.count])
         grid = self._grid(map_source, session.prior.level_id)
         before = None if session.track is None else session.track.pedestrian
@@ -136,13 +142,11 @@ class ParticleTracker:
         track = session.track
         track.pedestrian = pedestrian
         level_id = session.prior.level_id
-        result: list[tuple[Fix, Advance | None]] = []
         for i in range(len(events)):
             moved = self._advance(track, grid, events, i, rng)
-            result.append((self._fix(track, level_id, float(events.t[i])), moved))
-        result.append((self._fix(track, level_id, float(segment.samples.t[-1])), None))
+            yield self._fix(track, level_id, float(events.t[i])), moved
+        yield self._fix(track, level_id, float(segment.samples.t[-1])), None
         session.count += 1
-        return result
 
     def _grid(self, map_source: MapSource, level_id: str) -> FilterGrid:
         grid_map = map_source.grid_map(level_id)
