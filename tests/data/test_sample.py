@@ -15,6 +15,7 @@ import pytest
 from app.engine.types import FeatureSet
 from app.evaluation.datasets.ilc20 import WIFI_MAX_AGE_MS, open_ilc20
 from app.evaluation.errors import DataSetError
+from app.evaluation.protocol import EvaluationOptions
 from app.evaluation.recipes import load_recipe
 
 MAPS = Path(__file__).parents[2] / "maps"
@@ -53,6 +54,7 @@ def test_recipe_of_a_sample(entry: dict[str, str]) -> None:
     assert recipe.level in open_ilc20(MAPS / "samples").levels()
     assert (recipe.format, recipe.split) == (entry["format"], "train")
     assert recipe.settings.features is FeatureSet.VECTOR
+    assert recipe.settings == EvaluationOptions(MAPS).map_settings
 
 
 @pytest.mark.parametrize(
