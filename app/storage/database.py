@@ -26,7 +26,7 @@ _WRITE_OPTION = "isodyn_write"
 _POOL_SIZE = 16
 _POOL_OVERFLOW = 48  # the web server's thread pool and the runner may all be inside a transaction
 _RETRY_AFTER_S = 1.0
-_CACHE_KIB = 16 * 1024
+_CACHE_KIB = 4 * 1024  # of each connection
 
 
 class Database:
