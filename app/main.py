@@ -46,7 +46,7 @@ Send it as "Authorization: Bearer <key>"; make lesser keys with POST /v1/keys.
 =================================================================================
 """
 
-_log = structlog.stdlib.get_logger(__name__)
+_log = structlog.stdlib.get_logger("app.main")
 
 
 class DataDirInUseError(Exception):

@@ -46,6 +46,7 @@ def mask(value: object, name: str = "") -> object:
 def _mask_event(_: object, __: str, event: MutableMapping[str, Any]) -> MutableMapping[str, Any]:
     # Objects are rendered with repr later on, where nothing would be masked any more: render them here.
     plain = (str, bytes, Mapping, list, tuple, int, float, bool, type(None))
+    event.pop("color_message", None)  # uvicorn's message a second time
     for name, value in event.items():
         if not name.startswith("_"):
             event[name] = mask(value if isinstance(value, plain) else repr(value), name)
@@ -80,6 +81,8 @@ def configure_logging(level: LogLevel, *, as_json: bool) -> None:
     root = logging.getLogger()
     root.handlers[:] = [handler]
     root.setLevel(level.upper())
+    # Says at every start that there is nothing to migrate.
+    logging.getLogger("alembic").setLevel(logging.WARNING)
     structlog.configure(
         processors=[
             structlog.stdlib.filter_by_level,

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import signal
 import socket
 from pathlib import Path
+from types import FrameType
 from typing import Annotated, Any
 
 import typer
@@ -34,7 +36,8 @@ def serve(
     from pydantic import ValidationError
 
     from app.cli.errors import SettingsError, StartError
-    from app.settings import Settings
+    from app.settings import PoolKind, Settings
+    from app.workers.bootstrap import worker_context
 
     given: dict[str, Any] = {"host": host, "port": port, "data_dir": data_dir, "workers": workers}
     try:
@@ -42,6 +45,9 @@ def serve(
     except ValidationError as error:
         raise SettingsError([(str(one["loc"][0]), one["msg"]) for one in error.errors()]) from error
     check_port(settings.host, settings.port)
+    if settings.pool is PoolKind.PROCESSES:
+        # workers get ready while this process imports what it needs itself
+        worker_context(settings.kernel_cache_dir)
     # takes some seconds to import: only once the settings are in order
     from app import main
 
@@ -50,7 +56,14 @@ def serve(
             pass
     except main.DataDirInUseError as error:
         raise StartError(str(error)) from error
+    # The server puts the handlers of before back when it has shut down, and raises its signal again: with the default
+    # handler the process would die on the spot, without its exit handlers (temporary folders would be left behind).
+    signal.signal(signal.SIGTERM, _leave)
     main.serve(settings)
+
+
+def _leave(_number: int, _frame: FrameType | None) -> None:
+    raise SystemExit(0)
 
 
 def check_port(host: str, port: int) -> None:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+from multiprocessing import forkserver
 from multiprocessing.context import BaseContext
 from pathlib import Path
 
@@ -18,10 +19,12 @@ PRELOAD = "app.workers.preload"
 
 
 def worker_context(kernel_cache: Path) -> BaseContext:
-    """Prepare this process's environment for its workers and return how to make them.
+    """Prepare this process's environment for its workers, start the fork server, and return how to make them.
 
     Call it in the composition root before other threads run: it sets environment variables, which workers inherit
-    (libraries read them once, when they are imported). A ``NUMBA_CACHE_DIR`` that is set already is respected.
+    (libraries read them once, when they are imported). A ``NUMBA_CACHE_DIR`` that is set already is respected. The
+    fork server warms up on its own meanwhile, for seconds, so the earlier it is called the better; calling it again
+    changes nothing.
     """
     os.environ.update(dict.fromkeys(ONE_THREAD, "1"))
     if KERNEL_CACHE not in os.environ:
@@ -29,6 +32,7 @@ def worker_context(kernel_cache: Path) -> BaseContext:
         os.environ[KERNEL_CACHE] = str(kernel_cache.resolve())
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload([PRELOAD])
+    forkserver.ensure_running()
     return context
 
 
