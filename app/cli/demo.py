@@ -32,7 +32,7 @@ def demo(
     keep: Annotated[
         bool, typer.Option("--keep", envvar="KEEP", help="Leave the service running; print its address and key.")
     ] = False,
-    walks: Annotated[int, typer.Option(min=1, help="Test walks to replay.")] = 8,
+    walks: Annotated[int, typer.Option(min=1, help="Test walks to replay.")] = 10,
     out: Annotated[Path, typer.Option(help="Folder for the plots.")] = Path("demo-out"),
     data: Annotated[
         Path, typer.Option(help="Folder that holds ilc20/site1-F2.", show_default="maps/samples")
@@ -64,6 +64,8 @@ def demo(
         typer.echo(report.walk_table())
         typer.echo()
         typer.echo(verdict(report))
+        for left_out in report.dropped:
+            typer.echo(f"not scored: {left_out.walk_id} ({left_out.reason})")
         typer.echo(f"{len(plots)} plots in {out}/, {time.monotonic() - began:.0f} s in all")
         if keep:
             _say_how_to_go_on(service, level_id)

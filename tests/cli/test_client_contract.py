@@ -193,6 +193,11 @@ def test_jobs_methods_keys_stats(service: Service, surveyed: Surveyed) -> None:
         methods = {method.name: method for method in client.methods()}
         assert {"particle", "dead_reckoning"} <= set(methods)
         assert client.method("particle") == methods["particle"]
+        assert [name for name, method in methods.items() if method.default] == ["particle"]
+        particles = next(p for p in methods["particle"].parameters if p.name == "particles")
+        assert particles.type == "integer"
+        assert particles.minimum is not None
+        assert particles.minimum <= particles.default
         key = client.create_key("contract", ["locate"])
         assert client.key(key.id).scopes == {isodyn.Scope.LOCATE}
         with isodyn.Client(service.url, key.secret) as weak, pytest.raises(isodyn.ForbiddenError):

@@ -272,23 +272,29 @@ class Job(Model):
 
 
 class MethodParameter(Model):
-    """One parameter of a method."""
+    """One parameter of a method; numbers have bounds, words have choices."""
 
     name: str
     type: str
     default: Any = None
+    minimum: float | None = None
+    maximum: float | None = None
+    choices: tuple[str, ...] | None = None
+    description: str = ""
 
 
 class Method(Model):
-    """A positioning method of the service."""
+    """A positioning method of the service; ``default`` marks the one that is used when none is named."""
 
     name: str
     summary: str
     reference: str = ""
     kind: str
+    default: bool = False
     features: tuple[FeatureSet, ...] = ()
     needs_heading: bool = False
     needs_odometry: bool = False
+    dimensions: int = 2
     parameters: tuple[MethodParameter, ...] = ()
 
 
