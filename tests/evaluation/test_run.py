@@ -18,6 +18,7 @@ from app.evaluation.run import run_ilc20
 from tests.evaluation.fakes import (
     FAKE_ENGINE,
     START_MS,
+    ClueLessTracker,
     DriftingTracker,
     FakeService,
     MapsOf,
@@ -274,3 +275,25 @@ def test_times_are_relative_to_the_walk_however_late_it_was_recorded(tmp_path: P
         errors.append(run(tmp_path / str(number)).to_dict()["walks"][0]["errors_m"])
     assert len(errors[0]) == len(errors[1])
     assert all(math.isclose(a, b, abs_tol=0.1) for a, b in zip(*errors, strict=True))
+
+
+@pytest.mark.parametrize(
+    ("scenario", "offered"),
+    [
+        (Scenario.TRACKING, {("x-F1",), ("x-F2",)}),
+        (Scenario.COLD, {("x-F1",), ("x-F2",)}),
+        (Scenario.VENUE, {("x-F1", "x-F2")}),
+    ],
+)
+def test_only_the_venue_scenario_offers_the_other_levels(
+    data: Path, scenario: Scenario, offered: set[tuple[str, ...]]
+) -> None:
+    seen: set[tuple[str, ...]] = set()
+
+    class Curious(ClueLessTracker):
+        def step(self, state, segment, map_source):
+            seen.add(map_source.level_ids())
+            return super().step(state, segment, map_source)
+
+    run(data, scenario=scenario, engine=replace(FAKE_ENGINE, create_tracker=lambda name, parameters: Curious()))
+    assert seen == offered
