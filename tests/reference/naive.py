@@ -74,8 +74,7 @@ def particle_step(p, grid, motion, z, par, mode, first, normals, u):
     n = p.shape[1]
     turn_mid, turn, stride, x0, y0 = motion
     cell = 1.0 / par[0]
-    rho = 0.0 if first else np.exp(-stride * par[8])
-    fresh, white = 1.0 - rho, 1.0 - rho**2
+    rho_noise, rho_map = (0.0, 0.0) if first else (np.exp(-stride * par[8]), np.exp(-stride * par[12]))
     for i in range(n):
         x, y, c, s, scale, carry = p[:6, i]
         n0, n1, n2, n3 = normals[:, i]
@@ -89,7 +88,10 @@ def particle_step(p, grid, motion, z, par, mode, first, normals, u):
         p[:6, i] = x, y, np.cos(heading), np.sin(heading), scale, carry
         gx, gy = (x - x0) / cell, (y - y0) / cell
         m = np.array([bilinear(grid[..., k], gx, gy) for k in range(3)])
-        var = np.array([nearest(grid[..., 3], gx, gy) + par[6]] * 2 + [nearest(grid[..., 4], gx, gy) + par[7]])
+        own = np.array([nearest(grid[..., 3], gx, gy)] * 2 + [nearest(grid[..., 4], gx, gy)])
+        noise = np.array([par[6], par[6], par[7]])
+        var = own + noise
+        rhos = (own * rho_map + noise * rho_noise) / var
         if mode == 0:
             c, s = np.cos(heading), np.sin(heading)
             m = np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]]) @ m
@@ -102,6 +104,8 @@ def particle_step(p, grid, motion, z, par, mode, first, normals, u):
             row = 13 if k == 2 else 12
             spread = p[row, i]
             residual = z[k] - m[k]
+            rho = rhos[k]
+            fresh, white = 1.0 - rho, 1.0 - rho**2
             innovation = residual - rho * p[9 + k, i] - fresh * p[6 + k, i]
             total = var[k] * white + fresh**2 * spread
             quad += innovation**2 / total
@@ -109,7 +113,9 @@ def particle_step(p, grid, motion, z, par, mode, first, normals, u):
             p[6 + k, i] += fresh * spread / total * innovation
             p[9 + k, i] = residual
         for row in {13 if k == 2 else 12 for k in used}:
-            total = (var[2] if row == 13 else var[0]) * white + fresh**2 * p[row, i]
+            k = 2 if row == 13 else 0
+            fresh = 1.0 - rhos[k]
+            total = var[k] * (1.0 - rhos[k] ** 2) + fresh**2 * p[row, i]
             p[row, i] += par[11] - fresh**2 * p[row, i] ** 2 / total
         p[14, i] *= weight / (1.0 + quad / par[9]) ** 4
     p[14] /= p[14].sum()

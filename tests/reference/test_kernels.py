@@ -113,7 +113,7 @@ def _grid(rng: np.random.Generator) -> np.ndarray:
 
 
 MOTION = np.array([0.0, 0.0, 0.7, 0.0, 0.0])
-PAR = np.array([2.0, 0.02, 0.1, 0.01, 0.01, 0.1, 9.0, 12.0, 0.4, 5.0, 0.5, 0.01])
+PAR = np.array([2.0, 0.02, 0.1, 0.01, 0.01, 0.1, 9.0, 12.0, 0.4, 5.0, 0.5, 0.01, 0.15])
 
 
 class TestParticleStep:

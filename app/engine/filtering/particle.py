@@ -41,7 +41,9 @@ class ParticleNoise:
     field : float
         Standard deviation of the residual over the map's ``noise_sd``.
     correlation_m : float
-        Length over which residuals stay alike.
+        Length over which the noise about the map stays alike.
+    map_correlation_m : float
+        Length over which the map's own error stays alike.
     offset_walk : float, uT per step
     resample_below : float
         Share of effective particles below which to resample.
@@ -51,9 +53,10 @@ class ParticleNoise:
     stride: float = 0.22
     scale_walk: float = 0.009
     carry_walk: float = 0.004
-    position: float = 0.25
+    position: float = 0.2
     field: float = 2.1
     correlation_m: float = 2.7
+    map_correlation_m: float = 5.0
     offset_walk: float = 0.07
     resample_below: float = 0.4
 
@@ -250,6 +253,7 @@ def advance_cloud(
             (noise.field * grid.noise_sd[0]) ** 2, (noise.field * grid.noise_sd[1]) ** 2,
             1.0 / noise.correlation_m, _DEGREES_OF_FREEDOM[grid.features], noise.resample_below,
             noise.offset_walk**2,
+            1.0 / noise.map_correlation_m,
         ]
     )  # fmt: skip
     motion = np.array([turn_mid, turn, stride, grid.x0, grid.y0])

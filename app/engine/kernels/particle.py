@@ -42,9 +42,10 @@ def step(p, q, grid, motion, z, par, mode, first, pool, offset, u, est, ancestor
     grid : (rows, columns, 7) map
     motion : (5,) turn until the mid of the step (rad), turn until its end, stride (m), origin x, origin y (m)
     z : (3,) measured channels (forward, left, up / h, -, v / -, -, total), uT
-    par : (12,) 1/cell, heading noise (rad), stride noise (share), scale walk, carry walk (rad), position noise (m),
+    par : (13,) 1/cell, heading noise (rad), stride noise (share), scale walk, carry walk (rad), position noise (m),
         noise variance of channels 0 and 1, of channel 2, 1/correlation length (1/m), t distribution's degrees of
-        freedom, share of effective particles below which to resample, offset walk (uT^2)
+        freedom, share of effective particles below which to resample, offset walk (uT^2), 1/correlation length of the
+        map's own error (1/m)
     mode : VECTOR, HV or TOTAL
     first : True when there is no previous residual
     pool, offset : standard normals, and where to begin in them (4 n are used)
@@ -66,12 +67,11 @@ def step(p, q, grid, motion, z, par, mode, first, pool, offset, u, est, ancestor
     inv_cell, turn_sd, stride_sd = np.float32(par[0]), np.float32(par[1]), np.float32(par[2])
     scale_sd, carry_sd, jitter = np.float32(par[3]), np.float32(par[4]), np.float32(par[5])
     noise_h, noise_v = np.float32(par[6]), np.float32(par[7])
-    rho = np.float32(0.0) if first else np.float32(np.exp(-motion[2] * par[8]))
+    rho_noise = np.float32(0.0) if first else np.float32(np.exp(-motion[2] * par[8]))
+    rho_map = np.float32(0.0) if first else np.float32(np.exp(-motion[2] * par[12]))
     inv_dof = np.float32(1.0 / par[9])
     drift = np.float32(par[11])
     one, half = np.float32(1.0), np.float32(0.5)
-    fresh = one - rho
-    white = one - rho * rho
     z0, z1, z2 = np.float32(z[0]), np.float32(z[1]), np.float32(z[2])
     wx, wy = np.float32(columns - 1.001), np.float32(rows - 1.001)
     zero = np.float32(0.0)
@@ -132,8 +132,12 @@ def step(p, q, grid, motion, z, par, mode, first, pool, offset, u, est, ancestor
             + w11 * grid[iy + 1, ix + 1, 6]
         )
         jx, jy = np.int32(gx + half), np.int32(gy + half)
-        vh = grid[jy, jx, 3] + noise_h
-        vv = grid[jy, jx, 4] + noise_v
+        # the map's error and the noise about it are alike over different lengths: unmapped ground is wrong for longer
+        vm = grid[jy, jx, 4]
+        vv = vm + noise_v
+        rho = (vm * rho_map + noise_v * rho_noise) / vv
+        fresh = one - rho
+        white = one - rho * rho
         sv = vv * white + fresh * fresh * PV[i]
         scale = one / np.sqrt(sv)
         r2 = z2 - m2
@@ -144,6 +148,11 @@ def step(p, q, grid, motion, z, par, mode, first, pool, offset, u, est, ancestor
         PV[i] += drift - gain * fresh * PV[i]
         R2[i] = r2
         if mode != 2:
+            vm = grid[jy, jx, 3]
+            vh = vm + noise_h
+            rho = (vm * rho_map + noise_h * rho_noise) / vh
+            fresh = one - rho
+            white = one - rho * rho
             sh = vh * white + fresh * fresh * PH[i]
             gain = fresh * PH[i] / sh
             if mode == 0:

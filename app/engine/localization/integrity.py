@@ -34,7 +34,7 @@ class IntegrityPolicy:
         Metres of walk that usually settle a start.
     """
 
-    covariance_scale: float = 1.15
+    covariance_scale: float = 1.1
     covariance_floor: float = 0.5
     settle_m: float = 5.0
     insufficient_m: float = 8.0

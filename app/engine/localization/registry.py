@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
 from enum import StrEnum
@@ -109,8 +110,8 @@ def _coerce(key: str, value: object, default: object, bound: Bound | None) -> ob
         return type(default)(value)
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise InputError(field, "must be a number")
-    if isinstance(default, int) and value != int(value):
-        raise InputError(field, "must be a whole number")
+    if not math.isfinite(value) or (isinstance(default, int) and value != int(value)):
+        raise InputError(field, "must be a whole number" if isinstance(default, int) else "must be finite")
     if bound is not None and not bound.low <= value <= bound.high:
         raise InputError(field, f"must lie between {bound.low:g} and {bound.high:g}")
     return int(value) if isinstance(default, int) else float(value)

@@ -1,0 +1,102 @@
+"""Tilt, heading, steps and placement on simulated walks."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from app.engine.inertial import advance, detect_steps, find_steps, level_samples
+from app.engine.inertial.legs import heading_offset, positions_by_steps, step_count
+from app.engine.inertial.steps import Steps
+from app.engine.inertial.stride import weinberg
+from app.engine.types import ImuSamples, Waypoints
+from tests.support.walks import CADENCE_HZ, Field, SimulatedWalk, cut, walk_through
+
+FIELD = Field.random(np.random.default_rng(1))
+WALK = walk_through(np.array([[0.0, 0.0], [15.0, 0.0], [15.0, 10.0]]), FIELD, np.random.default_rng(5))
+
+
+def test_heading_follows_the_walk(walk: SimulatedWalk) -> None:
+    levelled, _ = level_samples(walk.samples)
+    turned = walk.heading - walk.heading[0]
+    np.testing.assert_allclose(levelled.heading, turned, atol=0.05)
+
+
+def test_the_levelled_field_is_the_field(walk: SimulatedWalk, field: Field) -> None:
+    levelled, _ = level_samples(walk.samples)
+    up = field.at(walk.xy)[:, 2]
+    assert np.sqrt(np.mean((levelled.mag[:, 2] - up) ** 2)) < 1.0  # sensor noise 0.3 uT, and gait's tilt
+
+
+def test_tilt_of_the_phone_does_not_matter(walk: SimulatedWalk) -> None:
+    """A phone held 40 degrees up gives the same levelled field and heading."""
+    a = np.radians(40.0)
+    tilt = np.array([[1, 0, 0], [0, np.cos(a), np.sin(a)], [0, -np.sin(a), np.cos(a)]])
+    s = walk.samples
+    tilted = ImuSamples(s.t, s.mag @ tilt.T, s.acc @ tilt.T, s.gyro @ tilt.T)
+    flat, _ = level_samples(s)
+    other, _ = level_samples(tilted)
+    np.testing.assert_allclose(other.mag, flat.mag, atol=0.1)
+    np.testing.assert_allclose(other.heading, flat.heading, atol=0.02)
+
+
+def test_step_rate_is_the_walkers(walk: SimulatedWalk) -> None:
+    steps = detect_steps(walk.samples)
+    duration = walk.samples.t[-1] - walk.samples.t[0]
+    assert len(steps) == pytest.approx(CADENCE_HZ * duration, abs=2)
+
+
+@settings(max_examples=25, deadline=None)
+@given(seconds=st.floats(0.35, 9.0))
+def test_cutting_a_recording_does_not_change_its_steps(seconds: float) -> None:
+    state, pieces = None, []
+    for samples in cut(WALK.samples, seconds=seconds):
+        state, events = advance(state, samples)
+        pieces.append(events)
+    _, whole = advance(None, WALK.samples)
+    np.testing.assert_array_equal(np.concatenate([p.t for p in pieces]), whole.t)
+    np.testing.assert_allclose(np.concatenate([p.mag for p in pieces]), whole.mag, atol=1e-9)
+    np.testing.assert_allclose(np.concatenate([p.heading for p in pieces]), whole.heading, atol=1e-9)
+    np.testing.assert_allclose(np.concatenate([p.motion_heading for p in pieces]), whole.motion_heading, atol=1e-9)
+
+
+@settings(max_examples=50, deadline=None)
+@given(times=st.lists(st.floats(0, 60), min_size=0, max_size=40, unique=True))
+def test_step_count_never_falls_and_counts_every_step(times: list[float]) -> None:
+    steps = Steps(np.sort(times), np.ones(len(times)))
+    t = np.linspace(-5, 70, 300)
+    count = step_count(t, steps)
+    assert (np.diff(count) >= -1e-9).all()
+    assert count[0] == 0
+    assert count[-1] == pytest.approx(len(times))
+
+
+def test_a_pause_does_not_move_the_walker() -> None:
+    steps = Steps(np.array([1.0, 1.5, 2.0, 10.0, 10.5, 11.0]), np.ones(6))
+    waypoints = Waypoints(np.array([0.5, 11.0]), np.array([0.0, 5.5]), np.array([0.0, 0.0]))
+    x, _ = positions_by_steps(np.array([2.5, 6.0, 9.0]), steps, waypoints)
+    assert np.ptp(x) == pytest.approx(0.0)
+
+
+def test_positions_outside_the_waypoints_are_unknown() -> None:
+    waypoints = Waypoints(np.array([1.0, 2.0]), np.array([0.0, 1.0]), np.array([0.0, 1.0]))
+    x, y = positions_by_steps(np.array([0.0, 1.5, 3.0]), Steps(np.empty(0), np.empty(0)), waypoints)
+    assert np.isnan(x[[0, 2]]).all()
+    assert (x[1], y[1]) == (0.5, 0.5)
+
+
+def test_heading_offset_finds_the_level_frame(walk: SimulatedWalk) -> None:
+    levelled, _ = level_samples(walk.samples)
+    steps = find_steps(levelled.t, levelled.vertical)
+    t = np.arange(walk.samples.t[0], walk.samples.t[-1], 5.0)
+    xy = np.array([walk.at(at) for at in t])
+    offset = heading_offset(levelled, steps, Waypoints(t, xy[:, 0], xy[:, 1]))
+    error = np.angle(np.exp(1j * (levelled.heading + offset - walk.heading)))
+    assert np.abs(error).max() < 0.15
+
+
+@given(swing=st.floats(0, 200))
+def test_stride_is_human(swing: float) -> None:
+    assert 0.3 <= weinberg(np.array([swing]))[0] <= 1.1

@@ -1,0 +1,268 @@
+"""Contract of every tracker in the registry, and the honesty of the particle tracker on simulated walks."""
+
+from __future__ import annotations
+
+import pickle
+
+import numpy as np
+import pytest
+
+from app.engine.errors import InputError, StateError
+from app.engine.localization import METHODS, create_tracker
+from app.engine.localization.integrity import CHI2_95
+from app.engine.localization.particle import ParticleTracker
+from app.engine.localization.smoothing import smooth_session
+from app.engine.types import FeatureSet, Fix, GridMap, Prior, Segment, Status, Tracker, TrackerState
+from tests.engine.conftest import CORNERS, OneMap
+from tests.support.walks import Field, SimulatedWalk, cut, true_map, walk_through
+
+PRIOR = Prior("sim", 2.5, 1.5, 3.0)
+
+
+def track(
+    tracker: Tracker,
+    walk: SimulatedWalk,
+    grid_map: GridMap,
+    prior: Prior = PRIOR,
+    *,
+    seed: int = 1,
+    seconds: float = 5.0,
+) -> list[Fix]:
+    state = tracker.start(prior, seed=seed)
+    fixes: list[Fix] = []
+    for samples in cut(walk.samples, seconds=5.0):
+        state, new = tracker.step(state, Segment(samples), OneMap(grid_map))
+        fixes += new
+    return fixes
+
+
+def errors(fixes: list[Fix], walk: SimulatedWalk, after_s: float = 5.0) -> np.ndarray:
+    late = [fix for fix in fixes if fix.t > walk.samples.t[0] + after_s]
+    return np.array([np.hypot(*(walk.at(fix.t) - [fix.x, fix.y])) for fix in late])
+
+
+@pytest.fixture(params=sorted(METHODS))
+def tracker(request: pytest.FixtureRequest) -> Tracker:
+    return create_tracker(request.param)
+
+
+class TestContract:
+    def test_the_same_input_gives_the_same_answer(
+        self, tracker: Tracker, walk: SimulatedWalk, field_map: GridMap
+    ) -> None:
+        assert track(tracker, walk, field_map) == track(tracker, walk, field_map)
+
+    def test_any_worker_may_take_the_next_segment(
+        self, tracker: Tracker, walk: SimulatedWalk, field_map: GridMap
+    ) -> None:
+        """State survives pickling and another instance; the answer does not depend on who computed the last one."""
+        first, second = (Segment(s) for s in cut(walk.samples, seconds=5.0)[:2])
+        state, _ = tracker.step(tracker.start(PRIOR, seed=1), first, OneMap(field_map))
+        _, expected = tracker.step(state, second, OneMap(field_map))
+        again = create_tracker(state.method)
+        _, found = again.step(pickle.loads(pickle.dumps(state)), second, OneMap(field_map))
+        assert found == expected
+
+    def test_input_is_not_changed(self, tracker: Tracker, walk: SimulatedWalk, field_map: GridMap) -> None:
+        segment = Segment(cut(walk.samples, seconds=5.0)[0])
+        before = pickle.dumps(segment)
+        mean = field_map.mean.copy()
+        tracker.step(tracker.start(PRIOR, seed=1), segment, OneMap(field_map))
+        assert pickle.dumps(segment) == before
+        np.testing.assert_array_equal(field_map.mean, mean)
+
+    def test_fixes_are_in_order_finite_and_reach_the_end(
+        self, tracker: Tracker, walk: SimulatedWalk, field_map: GridMap
+    ) -> None:
+        fixes = track(tracker, walk, field_map)
+        times = [fix.t for fix in fixes]
+        assert times == sorted(times)
+        assert times[-1] == walk.samples.t[-1]
+        for fix in fixes:
+            assert np.isfinite([fix.x, fix.y, fix.cov_xx, fix.cov_xy, fix.cov_yy, fix.heading]).all()
+            assert fix.cov_xx * fix.cov_yy > fix.cov_xy**2
+            assert 0 <= fix.quality <= 1
+
+    @pytest.mark.parametrize("n", [1, 2, 3])
+    def test_a_segment_of_a_few_samples_is_taken(
+        self, tracker: Tracker, walk: SimulatedWalk, field_map: GridMap, n: int
+    ) -> None:
+        s = walk.samples
+        tiny = Segment(type(s)(s.t[:n], s.mag[:n], s.acc[:n], s.gyro[:n]))
+        _, fixes = tracker.step(tracker.start(PRIOR, seed=1), tiny, OneMap(field_map))
+        assert len(fixes) == 1
+
+    @pytest.mark.parametrize("features", list(FeatureSet))
+    def test_maps_of_every_feature_set_serve(
+        self, tracker: Tracker, walk: SimulatedWalk, field: Field, features: FeatureSet
+    ) -> None:
+        vector = true_map(field, (0.0, 0.0, 42.0, 22.0))
+        planes = {
+            FeatureSet.VECTOR: vector.mean,
+            FeatureSet.HV: np.stack([np.hypot(vector.mean[0], vector.mean[1]), vector.mean[2]]),
+            FeatureSet.TOTAL: np.linalg.norm(vector.mean, axis=0)[None],
+        }[features]
+        grid_map = GridMap(
+            "sim", features, 0.0, 0.0, 0.5, planes, np.ones_like(planes), vector.support, 1.5, (1.0,) * len(planes)
+        )
+        fixes = track(tracker, walk, grid_map, Prior("sim", 2.0, 2.0, 1.0, heading=0.0, heading_sd=0.1))
+        assert len(fixes) > 50
+
+    def test_a_state_of_another_kind_is_refused(
+        self, tracker: Tracker, walk: SimulatedWalk, field_map: GridMap
+    ) -> None:
+        segment = Segment(cut(walk.samples, seconds=5.0)[0])
+        state = tracker.start(PRIOR, seed=1)
+        kind, payload = state.method, state.payload
+        for bad in (
+            type(state)("other", state.payload),
+            type(state)(state.method, b"\xc1"),
+            type(state)(state.method, b""),
+        ):
+            with pytest.raises(StateError):
+                tracker.step(bad, segment, OneMap(field_map))
+
+    def test_rest_stays_where_it_is(self, tracker: Tracker, field: Field, field_map: GridMap) -> None:
+        """A phone on a table gives one fix a segment, all in one place, and no shrinking ellipse."""
+        n = 1000
+        t = 1_700_000_000.0 + np.arange(n) / 50
+        still = walk_through(np.array([[5.0, 5.0], [40.0, 5.0]]), field, np.random.default_rng(0)).samples
+        zeros = np.zeros((n, 3))
+        samples = type(still)(t, np.tile(still.mag[0], (n, 1)), np.tile([0.0, 0.0, 9.81], (n, 1)), zeros)
+        fixes = track(tracker, SimulatedWalk(samples, zeros[:, :2], zeros[:, 0]), field_map)
+        assert len(fixes) == 4
+        assert len({(fix.x, fix.y, fix.cov_xx) for fix in fixes}) == 1
+
+
+class TestRegistry:
+    @pytest.mark.parametrize(
+        ("method", "parameters", "field"),
+        [
+            ("nothing", {}, "method"),
+            ("particle", {"nothing": 1}, "parameters.nothing"),
+            ("particle", {"particles": "many"}, "parameters.particles"),
+            ("particle", {"particles": True}, "parameters.particles"),
+            ("particle", {"particles": 10}, "parameters.particles"),
+            ("particle", {"particles": 1000.5}, "parameters.particles"),
+            ("particle", {"particles": float("nan")}, "parameters.particles"),
+            ("particle", {"features": "scent"}, "parameters.features"),
+            ("dead_reckoning", {"stride_constant": 9}, "parameters.stride_constant"),
+        ],
+    )
+    def test_what_cannot_be_is_named(self, method: str, parameters: dict, field: str) -> None:
+        with pytest.raises(InputError) as error:
+            create_tracker(method, parameters)
+        assert error.value.field == field
+
+    def test_parameters_arrive(self) -> None:
+        made = create_tracker("particle", {"particles": 500, "features": "hv"})
+        assert isinstance(made, ParticleTracker)
+        assert made.parameters.particles == 500
+        assert made.parameters.features is FeatureSet.HV
+
+    def test_every_numeric_parameter_has_bounds(self) -> None:
+        for method in METHODS.values():
+            numeric = {
+                name
+                for name in method.parameters.__dataclass_fields__
+                if isinstance(getattr(method.parameters(), name), int | float)
+            }
+            assert numeric == set(method.bounds)
+
+
+class TestParticleTracker:
+    def test_it_beats_dead_reckoning(self, walk: SimulatedWalk, field_map: GridMap) -> None:
+        """From a start three metres off: the map takes the error away, dead reckoning keeps it."""
+        prior = Prior("sim", 2.0, 4.5, 3.0)
+        ours = errors(track(create_tracker("particle"), walk, field_map, prior), walk, 20.0)
+        plain = errors(track(create_tracker("dead_reckoning"), walk, field_map, prior), walk, 20.0)
+        assert np.median(ours) < 1.0
+        assert np.median(ours) < 0.5 * np.median(plain)
+
+    def test_hard_iron_is_learned(self, field: Field, field_map: GridMap) -> None:
+        iron = np.array([6.0, -5.0, 7.0])
+        shifted = walk_through(
+            CORNERS, field, np.random.default_rng(2), hard_iron=np.array([6.0, -5.0, 7.0]), carry=0.15
+        )
+        assert np.median(errors(track(create_tracker("particle"), shifted, field_map), shifted, 20.0)) < 1.2
+
+    def test_the_claimed_ellipse_holds_the_truth(self, field: Field, field_map: GridMap) -> None:
+        """Thirty simulated walks: the 95 % ellipse holds at least 90 % of fixes, and is not absurdly wide."""
+        rng = np.random.default_rng(11)
+        tracker = create_tracker("particle", {"particles": 1000})
+        inside, wide = [], []
+        for i in range(30):
+            corners = CORNERS[: int(rng.integers(3, 7))]
+            w = walk_through(corners, field, rng, hard_iron=rng.normal(0, 3, 3), carry=rng.normal(0, 0.1))
+            start = w.xy[0] + rng.uniform(-1.5, 1.5, 2)
+            for fix in track(tracker, w, field_map, Prior("sim", *start, 3.0), seed=i)[10:]:
+                d = w.at(fix.t) - [fix.x, fix.y]
+                cov = np.array([[fix.cov_xx, fix.cov_xy], [fix.cov_xy, fix.cov_yy]])
+                inside.append(d @ np.linalg.solve(cov, d) <= CHI2_95)
+                wide.append(np.sqrt(np.linalg.eigvalsh(cov)[-1]))
+        assert np.mean(inside) > 0.9
+        assert np.median(wide) < 3.0
+
+    def test_the_answer_moves_with_the_map(self, walk: SimulatedWalk, field_map: GridMap) -> None:
+        g = field_map
+        shifted = GridMap(
+            g.level_id, g.features, g.x0 + 64.0, g.y0 - 32.0, g.cell_m, g.mean, g.sd, g.support, g.mapped_m, g.noise_sd
+        )
+        here = track(create_tracker("particle"), walk, g)
+        there = track(create_tracker("particle"), walk, shifted, Prior("sim", 2.5 + 64.0, 1.5 - 32.0, 3.0))
+        moved = np.array([[b.x - a.x, b.y - a.y] for a, b in zip(here, there, strict=True)])
+        # single precision rounds differently elsewhere, so particles part ways slowly; the place stays the same
+        np.testing.assert_allclose(np.median(moved, axis=0), [64.0, -32.0], atol=0.3)
+
+    def test_unmapped_ground_neither_draws_nor_repels(self, field: Field, walk: SimulatedWalk) -> None:
+        """Only a strip far from the walk is mapped: the track must stay where dead reckoning puts it, and say so."""
+        full = true_map(field, (0.0, 0.0, 42.0, 60.0))
+        far = np.broadcast_to(np.arange(full.shape[0])[:, None] * 0.5 > 30.0, full.shape)
+        level = full.mean[:, far].mean(axis=1)[:, None, None]
+        grid_map = GridMap(
+            "sim", full.features, 0.0, 0.0, 0.5,
+            np.where(far, full.mean, level).astype(np.float32), np.where(far, 0.5, 5.0).repeat(1)
+            .reshape(full.shape)[None].repeat(3, 0).astype(np.float32),
+            np.where(far, 0.0, 50.0).astype(np.float32), 1.5, (1.0,) * 3,
+        )  # fmt: skip
+        prior = Prior("sim", 2.0, 2.0, 1.0, heading=0.0, heading_sd=0.05)
+        fixes = track(create_tracker("particle"), walk, grid_map, prior)
+        assert max(fix.y for fix in fixes) < 28.0
+        assert fixes[-1].status is Status.OFF_MAP
+        assert not any(fix.sure for fix in fixes[20:])
+
+    def test_an_unknown_start_claims_nothing_at_first(self, walk: SimulatedWalk, field_map: GridMap) -> None:
+        first = track(create_tracker("particle"), walk, field_map, Prior("sim"))[0]
+        assert first.status is Status.INSUFFICIENT
+        assert not first.sure
+        assert first.walk_on_m is not None
+        assert first.walk_on_m > 0
+
+    def test_walls_hold(self, field: Field) -> None:
+        """With a wall beside the corridor, particles stay inside it."""
+        grid_map = true_map(field, (0.0, 0.0, 42.0, 12.0))
+        y = np.arange(grid_map.shape[0])[:, None] * 0.5
+        depth = np.maximum(np.abs(y - 6.0) - 1.0, 0.0) * np.ones(grid_map.shape)
+        blind = np.full(grid_map.mean.shape, 30.0, dtype=np.float32)
+        walled = GridMap(
+            "sim", grid_map.features, 0.0, 0.0, 0.5, grid_map.mean, blind, grid_map.support, 1.5, (30.0,) * 3,
+            depth.astype(np.float32),
+        )  # fmt: skip
+        straight = walk_through(np.array([[2.0, 6.0], [40.0, 6.0]]), field, np.random.default_rng(0), carry=0.2)
+        fixes = track(create_tracker("particle"), straight, walled, Prior("sim", 2.0, 6.0, 1.0, heading=0.2))
+        assert max(abs(fix.y - 6.0) for fix in fixes) < 1.2
+
+
+def test_smoothing_beats_tracking(walk: SimulatedWalk, field_map: GridMap) -> None:
+    """With samples of both sides in time, the early part of a track from a poor start becomes good."""
+    segments = [Segment(samples) for samples in cut(walk.samples, seconds=5.0)]
+    prior = Prior("sim", 2.0, 4.5, 3.0)
+    tracker = ParticleTracker()
+    smooth = smooth_session(tracker, prior, segments, OneMap(field_map), seed=1)
+    causal = track(tracker, walk, field_map, prior)
+    early = walk.samples.t[0] + 10.0
+    before = errors([fix for fix in causal if fix.t < early], walk, 0.0)
+    after = errors([fix for fix in smooth if fix.t < early], walk, 0.0)
+    assert np.mean(after) < np.mean(before)
+    assert np.median(errors(list(smooth), walk, 0.0)) < 1.0
+    assert smooth_session(tracker, prior, [], OneMap(field_map), seed=1) == ()
