@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from app.engine.localization import METHODS, create_tracker
 from app.engine.localization.integrity import CHI2_95
 from app.engine.localization.particle import ParticleTracker
 from app.engine.localization.smoothing import smooth_session
-from app.engine.types import FeatureSet, Fix, GridMap, Prior, Segment, Status, Tracker, TrackerState
+from app.engine.types import FeatureSet, Fix, GridMap, Prior, Segment, Status, Tracker
 from tests.engine.conftest import CORNERS, OneMap
 from tests.support.walks import Field, SimulatedWalk, cut, true_map, walk_through
 
@@ -214,7 +215,7 @@ class TestParticleTracker:
         # single precision rounds differently elsewhere, so particles part ways slowly; the place stays the same
         np.testing.assert_allclose(np.median(moved, axis=0), [64.0, -32.0], atol=0.3)
 
-    def test_unmapped_ground_neither_draws_nor_repels(self, field: Field, walk: SimulatedWalk) -> None:
+    def test_unmapped_ground_neither_draws_nor_repels(self, field: Field) -> None:
         """Only a strip far from the walk is mapped: the track must stay where dead reckoning puts it, and say so."""
         full = true_map(field, (0.0, 0.0, 42.0, 60.0))
         far = np.broadcast_to(np.arange(full.shape[0])[:, None] * 0.5 > 30.0, full.shape)
@@ -226,9 +227,14 @@ class TestParticleTracker:
             np.where(far, 0.0, 50.0).astype(np.float32), 1.5, (1.0,) * 3,
         )  # fmt: skip
         prior = Prior("sim", 2.0, 2.0, 1.0, heading=0.0, heading_sd=0.05)
-        fixes = track(create_tracker("particle"), walk, grid_map, prior)
-        assert max(fix.y for fix in fixes) < 28.0
-        assert fixes[-1].status is Status.OFF_MAP
+        there = walk_through(CORNERS[:4], field, np.random.default_rng(2))
+        fixes = track(create_tracker("particle"), there, grid_map, prior)
+        blank = np.full_like(grid_map.mean, 30.0)
+        nothing = replace(grid_map, sd=blank, support=blank[0])
+        plain = track(create_tracker("particle"), there, nothing, prior)
+        assert np.median(errors(fixes, there)) < 1.5 * np.median(errors(plain, there)) + 0.5
+        assert np.mean([fix.y > 27.0 for fix in fixes]) < 0.1
+        assert np.mean([fix.status is Status.OFF_MAP for fix in fixes[20:]]) > 0.7
         assert not any(fix.sure for fix in fixes[20:])
 
     def test_an_unknown_start_claims_nothing_at_first(self, walk: SimulatedWalk, field_map: GridMap) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit
 
 
-@njit(cache=True, nogil=True, fastmath=False)
+@njit(cache=True, nogil=True, fastmath=False, error_model="numpy")
 def level(t, mag, acc, gyro, q, last, gain, out):
     """Integrate attitude over samples; complementary correction of tilt only.
 

@@ -8,14 +8,14 @@ import numpy as np
 from numba import njit
 
 
-@njit(cache=True, nogil=True, fastmath=True, inline="always")
+@njit(cache=True, nogil=True, fastmath=True, error_model="numpy", inline="always")
 def matern(d, inv_length):
     """Matern 3/2 correlation at distance ``d``."""
     a = d * inv_length
     return (1.0 + a) * np.exp(-a)
 
 
-@njit(cache=True, nogil=True, fastmath=True)
+@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
 def krige_blocks(xy, walk, z, nb, count, nodes, first, par, mean, var):
     """Krige the nodes of each block.
 

@@ -32,7 +32,7 @@ ROWS = 15
 VECTOR, HV, TOTAL = 0, 1, 2
 
 
-@njit(cache=True, nogil=True, fastmath=True)
+@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
 def step(p, q, grid, motion, z, par, mode, first, pool, offset, u, est, ancestor):
     """Advance all particles by one step of the walker.
 
@@ -67,8 +67,8 @@ def step(p, q, grid, motion, z, par, mode, first, pool, offset, u, est, ancestor
     inv_cell, turn_sd, stride_sd = np.float32(par[0]), np.float32(par[1]), np.float32(par[2])
     scale_sd, carry_sd, jitter = np.float32(par[3]), np.float32(par[4]), np.float32(par[5])
     noise_h, noise_v = np.float32(par[6]), np.float32(par[7])
-    rho_noise = np.float32(0.0) if first else np.float32(np.exp(-motion[2] * par[8]))
-    rho_map = np.float32(0.0) if first else np.float32(np.exp(-motion[2] * par[12]))
+    rho_noise = np.float32(0.0) if first else np.float32(np.exp(-max(motion[2], 0.01) * par[8]))
+    rho_map = np.float32(0.0) if first else np.float32(np.exp(-max(motion[2], 0.01) * par[12]))
     inv_dof = np.float32(1.0 / par[9])
     drift = np.float32(par[11])
     one, half = np.float32(1.0), np.float32(0.5)
