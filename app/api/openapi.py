@@ -9,7 +9,7 @@ from fastapi import FastAPI
 from fastapi.openapi.utils import get_openapi
 from pydantic.json_schema import models_json_schema
 
-from app.api.responses import PROBLEM_SCHEMA, REQUEST_BODIES
+from app.api.responses import PROBLEM_SCHEMA, RAW_MODELS
 
 DESCRIPTION = """\
 Isodyn locates phones, robots and vehicles by the magnetic field: survey a level, build a map of it, open a session
@@ -54,7 +54,7 @@ def document(app: FastAPI) -> dict[str, Any]:
         tags=app.openapi_tags,
     )
     schemas = described.setdefault("components", {}).setdefault("schemas", {})
-    schemas.update(_upload_schemas())
+    schemas.update(_raw_schemas())
     schemas["Problem"] = PROBLEM_SCHEMA
     for operations in described["paths"].values():
         for operation in operations.values():
@@ -76,8 +76,8 @@ def install(app: FastAPI) -> None:
     app.openapi = serve  # type: ignore[method-assign]  # FastAPI's documented way to extend the document
 
 
-def _upload_schemas() -> dict[str, Any]:
-    models = [(model, "validation") for model in REQUEST_BODIES.values()]
+def _raw_schemas() -> dict[str, Any]:
+    models = [(model, "validation") for model in RAW_MODELS.values()]
     _, schema = models_json_schema(models, ref_template=_REF)  # type: ignore[arg-type]
     definitions: dict[str, Any] = schema.get("$defs", {})
     return definitions

@@ -64,7 +64,7 @@ class RateLimiter:
             allowed=allowed,
             remaining=max(0, int((self._tolerance - ahead) / self._interval + 1e-6)),
             retry_after_s=0 if allowed else max(1, math.ceil(wait)),
-            reset_s=math.ceil(ahead),
+            reset_s=math.ceil(ahead - 1e-6),
         )
 
     def _prune(self, now: float) -> None:

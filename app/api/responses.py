@@ -46,8 +46,8 @@ OBJECT = (errors.MALFORMED_BODY, errors.BODY_TOO_LARGE, errors.UNSUPPORTED_MEDIA
 
 NOT_MODIFIED: Responses = {304: {"description": "The caller has this version already (`If-None-Match`)."}}
 
-REQUEST_BODIES: dict[str, type[BaseModel]] = {}
-"""Models of raw bodies, by name: FastAPI does not see them, so the schema is completed with them."""
+RAW_MODELS: dict[str, type[BaseModel]] = {}
+"""Models of raw bodies and answers, by name: FastAPI does not see them, so the document is completed with them."""
 
 
 def problems(*kinds: ProblemType) -> Responses:
@@ -74,10 +74,15 @@ def guarded(*kinds: ProblemType) -> Responses:
     return problems(*ALWAYS, *kinds)
 
 
+def schema_of(model: type[BaseModel]) -> dict[str, Any]:
+    """Return a reference to a model that only raw bodies or answers use."""
+    RAW_MODELS[model.__name__] = model
+    return {"$ref": f"#/components/schemas/{model.__name__}"}
+
+
 def upload(model: type[BaseModel], example: Mapping[str, Any]) -> dict[str, Any]:
     """Describe a raw body of samples for ``openapi_extra``: JSON or msgpack, plain or gzipped."""
-    REQUEST_BODIES[model.__name__] = model
-    schema = {"$ref": f"#/components/schemas/{model.__name__}"}
+    schema = schema_of(model)
     return {
         "requestBody": {
             "required": True,

@@ -13,7 +13,7 @@ from app.api.deps import ServicesDep
 from app.api.errors import NoAnchorError
 from app.api.geojson import GEO_JSON, feature_collection
 from app.api.pagination import PagingDep, next_link
-from app.api.responses import guarded
+from app.api.responses import guarded, schema_of
 from app.api.routing import api_router
 from app.api.schemas.positions import GEO_JSON_EXAMPLE, PositionCollection, PositionPage, position_page
 from app.api.schemas.samples import MAX_SEQ
@@ -33,7 +33,7 @@ router = api_router("positions")
             "description": "Columns, or GeoJSON with `Accept: application/geo+json`.",
             "content": {
                 GEO_JSON: {
-                    "schema": PositionCollection.model_json_schema(ref_template="#/components/schemas/{model}"),
+                    "schema": schema_of(PositionCollection),
                     "example": GEO_JSON_EXAMPLE,
                 }
             },
