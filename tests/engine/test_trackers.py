@@ -13,7 +13,7 @@ from app.engine.localization import METHODS, create_tracker
 from app.engine.localization.integrity import CHI2_95
 from app.engine.localization.particle import ParticleTracker
 from app.engine.localization.smoothing import smooth_session
-from app.engine.types import FeatureSet, Fix, GridMap, Prior, Segment, Status, Tracker
+from app.engine.types import FeatureSet, Fix, GridMap, Prior, Segment, Status, Tracker, TrackerState
 from tests.engine.conftest import CORNERS, OneMap
 from tests.support.walks import Field, SimulatedWalk, cut, true_map, walk_through
 
@@ -116,9 +116,9 @@ class TestContract:
         state = tracker.start(PRIOR, seed=1)
         kind, payload = state.method, state.payload
         for bad in (
-            type(state)("other", state.payload),
-            type(state)(state.method, b"\xc1"),
-            type(state)(state.method, b""),
+            TrackerState("other", payload),
+            TrackerState(kind, b"\xc1"),
+            TrackerState(kind, b""),
         ):
             with pytest.raises(StateError):
                 tracker.step(bad, segment, OneMap(field_map))
@@ -182,9 +182,7 @@ class TestParticleTracker:
 
     def test_hard_iron_is_learned(self, field: Field, field_map: GridMap) -> None:
         iron = np.array([6.0, -5.0, 7.0])
-        shifted = walk_through(
-            CORNERS, field, np.random.default_rng(2), hard_iron=np.array([6.0, -5.0, 7.0]), carry=0.15
-        )
+        shifted = walk_through(CORNERS, field, np.random.default_rng(2), hard_iron=iron, carry=0.15)
         assert np.median(errors(track(create_tracker("particle"), shifted, field_map), shifted, 20.0)) < 1.2
 
     def test_the_claimed_ellipse_holds_the_truth(self, field: Field, field_map: GridMap) -> None:
@@ -243,6 +241,12 @@ class TestParticleTracker:
         assert not first.sure
         assert first.walk_on_m is not None
         assert first.walk_on_m > 0
+
+    def test_a_found_start_stays_ambiguous(self, walk: SimulatedWalk, field_map: GridMap) -> None:
+        """One cloud of particles cannot know whether it fell onto the right place: it must not claim so."""
+        fixes = track(create_tracker("particle"), walk, field_map, Prior("sim"))
+        assert {fix.status for fix in fixes} <= {Status.INSUFFICIENT, Status.AMBIGUOUS}
+        assert not any(fix.sure for fix in fixes)
 
     def test_walls_hold(self, field: Field) -> None:
         """With a wall beside the corridor, particles stay inside it."""

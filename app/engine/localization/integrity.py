@@ -46,8 +46,21 @@ class IntegrityPolicy:
 
 @dataclass(frozen=True, slots=True)
 class Integrity:
-    """Running account: metres walked, smoothed share on mapped ground, whether the spread has settled once."""
+    """Running account of a session.
 
+    Attributes
+    ----------
+    cold : bool
+        The start was unknown. A cloud that has narrowed from everywhere may have narrowed onto the wrong place, and
+        nothing in it can tell; its fixes stay ambiguous.
+    walked_m : float
+    mapped : float
+        Share of particles on mapped ground, smoothed.
+    settled : bool
+        Whether the spread has been that of one place.
+    """
+
+    cold: bool = False
     walked_m: float = 0.0
     mapped: float = 1.0
     settled: bool = False
@@ -93,6 +106,8 @@ def judge(estimate: Estimate, integrity: Integrity, policy: IntegrityPolicy) -> 
     if sigma > policy.insufficient_m or not integrity.settled:
         missing = max(policy.information_m - integrity.walked_m, 5.0)
         return Verdict(Status.INSUFFICIENT, quality, sure=False, walk_on_m=missing)
+    if integrity.cold:
+        return Verdict(Status.AMBIGUOUS, quality * 0.5, sure=False, walk_on_m=None)
     if integrity.mapped < policy.off_map_share:
         return Verdict(Status.OFF_MAP, quality * 0.5, sure=False, walk_on_m=None)
     return Verdict(Status.OK, quality, sigma <= policy.sure_m, walk_on_m=None)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -45,7 +45,7 @@ class Track:
     heading: float
     cloud: Cloud
     estimate: Estimate
-    integrity: Integrity = field(default_factory=Integrity)
+    integrity: Integrity
 
 
 @dataclass(slots=True)
@@ -161,7 +161,7 @@ class ParticleTracker:
         reading = events.mag[0] if walked else pedestrian.tail.mag[-10:].mean(axis=0)
         n = self.parameters.particles if prior.x is not None else self.parameters.cold_particles
         cloud = initial_cloud(prior, grid, reading, n, self.spread, rng)
-        return Track(pedestrian, heading, cloud, estimate_equal(cloud, grid))
+        return Track(pedestrian, heading, cloud, estimate_equal(cloud, grid), Integrity(cold=prior.x is None))
 
     def _advance(self, track: Track, grid: FilterGrid, events: StepEvents, i: int, rng: np.random.Generator) -> Advance:
         stride = float(weinberg(events.swing[i : i + 1])[0])
