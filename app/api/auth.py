@@ -147,12 +147,14 @@ async def _authenticate(request: Request, keys: KeyCache) -> ApiKey:
 
 
 def _secret_of(request: Request) -> str:
-    given = request.headers.get("x-api-key")
-    if given is None:
-        scheme, _, given = request.headers.get("authorization", "").partition(" ")
-        if scheme.lower() != "bearer":
-            raise UnauthorizedError("send `Authorization: Bearer <key>` or `X-API-Key: <key>`")
-    secret = given.strip()
+    scheme, _, credentials = request.headers.get("authorization", "").partition(" ")
+    bearer = credentials.strip() if scheme.lower() == "bearer" else None
+    header = request.headers.get("x-api-key")
+    if header is None and bearer is None:
+        raise UnauthorizedError("send `Authorization: Bearer <key>` or `X-API-Key: <key>`")
+    if header is not None and bearer is not None and header.strip() != bearer:
+        raise UnauthorizedError("Authorization and X-API-Key hold different keys; send one of them")
+    secret = (bearer if header is None else header.strip()) or ""
     if not 0 < len(secret) <= _MAX_SECRET:
         raise UnauthorizedError("the API key is empty or too long")
     return secret

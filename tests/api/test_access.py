@@ -125,6 +125,18 @@ def test_both_headers_work(api: Api, headers: dict[str, str]) -> None:
     assert api.get("/v1/venues", key=None, headers=given).status_code == 200
 
 
+def test_two_different_keys_are_one_too_many(api: Api) -> None:
+    good = api.secrets[Scope.LOCATE]
+    for bearer, status in ((good, 200), ("isk_other", 401)):
+        headers = {"X-API-Key": good, "Authorization": f"Bearer {bearer}"}
+        assert api.get("/v1/venues", key=None, headers=headers).status_code == status
+
+
+def test_a_proxys_own_credentials_do_not_matter(api: Api) -> None:
+    headers = {"X-API-Key": api.secrets[Scope.LOCATE], "Authorization": "Basic dTpw"}
+    assert api.get("/v1/venues", key=None, headers=headers).status_code == 200
+
+
 @pytest.mark.parametrize(
     "headers",
     [

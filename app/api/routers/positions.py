@@ -48,7 +48,7 @@ def list_positions(
     paging: PagingDep,
     seq: Annotated[int | None, Query(ge=0, le=MAX_SEQ, description="Of this segment only.")] = None,
 ) -> Response:
-    """Fixes in time order, a page at a time.
+    """Fixes, oldest segment first, a page at a time.
 
     With `Accept: application/geo+json` they are points in WGS 84, with level metres in the properties; the venue
     needs an anchor for that.
