@@ -65,7 +65,7 @@ class Settings(BaseSettings):
         default=10.0, ge=0, description="How long a stop waits for running tasks; others run after the next start."
     )
 
-    max_body_bytes: int = Field(default=8 * 2**20, ge=1024, description="Largest request body, inflated.")
+    max_body_bytes: int = Field(default=8 * 2**20, ge=1024, description="Largest request body as sent.")
     max_queued_jobs: int = Field(default=1000, ge=1, description="Unfinished jobs accepted before 503.")
     max_wait_s: float = Field(default=30.0, ge=0, description="Longest `Prefer: wait=N` that is honoured.")
     rate_limit_per_minute: int = Field(default=6000, ge=0, description="Requests a key may make a minute; 0: no limit.")
