@@ -32,7 +32,7 @@ def demo(
     keep: Annotated[
         bool, typer.Option("--keep", envvar="KEEP", help="Leave the service running; print its address and key.")
     ] = False,
-    walks: Annotated[int, typer.Option(min=1, help="Test walks to replay.")] = 10,
+    walks: Annotated[int | None, typer.Option(min=1, help="Test walks to replay.", show_default="all 18")] = None,
     out: Annotated[Path, typer.Option(help="Folder for the plots.")] = Path("demo-out"),
     data: Annotated[
         Path, typer.Option(help="Folder that holds ilc20/site1-F2.", show_default="maps/samples")
@@ -47,7 +47,7 @@ def demo(
     Example:  isodyn demo --keep
     """
     from app.cli.transport import ServiceTransport
-    from app.cli.trips import verdict
+    from app.cli.trips import verdict, walk_table
     from app.cli.uploads import choose_walks
     from app.evaluation.datasets.ilc20 import open_ilc20
 
@@ -61,7 +61,7 @@ def demo(
             report = _replay(transport, level, level_id, chosen, bars)
             plots = _plot(transport, level, level_id, report, out, bars)
         typer.echo()
-        typer.echo(report.walk_table())
+        typer.echo(walk_table(report))
         typer.echo()
         typer.echo(verdict(report))
         for left_out in report.dropped:

@@ -33,7 +33,7 @@ def replay(
     Example:  isodyn replay maps/samples/ilc20/site1-F2 --level lvl_... --limit 5
     """
     from app.cli.transport import ServiceTransport
-    from app.cli.trips import plot_trips, replay_trips, verdict
+    from app.cli.trips import plot_trips, replay_trips, verdict, walk_table
     from app.cli.uploads import choose_walks, open_level
 
     data = open_level(folder)
@@ -54,7 +54,8 @@ def replay(
             plot_trips(
                 transport, data, level, report, plots, lambda f, text: bars.update(drawing, completed=f, text=text)
             )
-    typer.echo(report.walk_table())
+    typer.echo(walk_table(report))
+    typer.echo()
     typer.echo(verdict(report))
     for left_out in report.dropped:
         typer.echo(f"not scored: {left_out.walk_id} ({left_out.reason})")

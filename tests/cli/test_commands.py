@@ -124,7 +124,7 @@ def test_replays_walks_and_prints_their_errors(service: Service, surveyed: Surve
     plots = tmp_path / "plots"
     result = service.isodyn("replay", SAMPLE, "--level", surveyed.level_id, "--walk", "5dda524f", "--plots", plots)
     assert "dr p50" in result.stdout
-    assert "1 walks together" in result.stdout
+    assert "all 1 walks" in result.stdout
     assert len(list(plots.rglob("*.png"))) == 2
     with service.client() as client:
         sessions = list(client.sessions(level_id=surveyed.level_id))

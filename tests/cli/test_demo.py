@@ -29,7 +29,7 @@ def test_shows_the_whole_way_and_leaves_nothing_running(tmp_path: Path) -> None:
     done = demo(tmp_path, "--walks", "4")
     assert done.returncode == 0, done.stdout + done.stderr
     assert "dead reckoning" in done.stdout
-    assert "ms/segment" in done.stdout
+    assert "milliseconds per 5-s segment" in done.stdout
     plots = list((tmp_path / "demo-out").rglob("*.png"))
     assert len(plots) >= 3
     assert [path.name for path in tmp_path.iterdir()] == ["demo-out"]
