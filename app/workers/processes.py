@@ -7,6 +7,7 @@ a killed one could keep.
 
 from __future__ import annotations
 
+import atexit
 import pickle
 import sys
 import threading
@@ -205,6 +206,8 @@ class ProcessExecutor:
 
     def start(self) -> None:
         """Start the workers; returns at once, tasks wait until a worker is warm."""
+        # Else a service that ends on an error would wait for ever for workers that ignore its SIGTERM.
+        atexit.register(self.close)
         for thread in self._threads:
             thread.start()
 
@@ -249,6 +252,7 @@ class ProcessExecutor:
                 thread.join()
         for slot in self._slots:
             slot.close()
+        atexit.unregister(self.close)
 
     def _assign(self) -> None:
         """Give waiting tasks to idle workers; under the lock."""

@@ -17,6 +17,8 @@ def main() -> None:
         time.sleep(0.01)
     sys.stdout.write("workers " + " ".join(map(str, pool.pids)) + "\n")
     sys.stdout.flush()
+    if "leave" in sys.argv:
+        raise SystemExit(7)
     while True:
         time.sleep(60)
 

@@ -164,3 +164,9 @@ def test_no_worker_outlives_a_killed_service(tmp_path: Path) -> None:
         for process in family:
             if process.is_running():
                 process.kill()
+
+
+def test_a_service_that_ends_without_closing_its_pool_ends(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "tests.workers.orphans", str(tmp_path / "pid"), "leave"]
+    assert subprocess.run(command, cwd=ROOT, stdout=subprocess.DEVNULL, timeout=60).returncode == 7
+    assert gone(int((tmp_path / "pid").read_text()))
