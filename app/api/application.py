@@ -48,6 +48,8 @@ def create_api(
         redoc_url=None,
         lifespan=lifespan,
         separate_input_output_schemas=False,
+        # Generated clients name their functions after these.
+        generate_unique_id_function=lambda route: route.name,
     )
     limiter = RateLimiter(settings.rate_limit_per_minute, settings.rate_limit_burst)
     app.state.context = Context(

@@ -73,7 +73,7 @@ def _section(document: dict[str, Any], tag: dict[str, Any]) -> str:
 
 
 def _call(document: dict[str, Any], method: str, path: str, operation: dict[str, Any]) -> str:
-    key = "key" if operation.get("security") else "open"
+    scope = {"none": "open", "any": "any key"}.get(operation["x-isodyn-scope"], operation["x-isodyn-scope"])
     parts = [
         f"<p>{_text(operation.get('description', ''))}</p>",
         _parameters(operation.get("parameters", [])),
@@ -82,7 +82,7 @@ def _call(document: dict[str, Any], method: str, path: str, operation: dict[str,
     ]
     return (
         f'<details><summary><span class="method">{_text(method.upper())}</span> <code>{_text(path)}</code> '
-        f'{_text(operation.get("summary", ""))}<span class="scope">{_text(key)}</span></summary>'
+        f'{_text(operation.get("summary", ""))}<span class="scope">{_text(scope)}</span></summary>'
         f"{''.join(parts)}</details>"
     )
 

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 from fastapi import FastAPI
 from fastapi.openapi.utils import get_openapi
+from fastapi.routing import iter_route_contexts
 from pydantic.json_schema import models_json_schema
 
 from app.api.responses import PROBLEM_SCHEMA, RAW_MODELS
+from app.api.routing import ApiRoute
 
 DESCRIPTION = """\
 Isodyn locates phones, robots and vehicles by the magnetic field: survey a level, build a map of it, open a session
@@ -59,6 +61,8 @@ def document(app: FastAPI) -> dict[str, Any]:
     for operations in described["paths"].values():
         for operation in operations.values():
             _drop_fastapi_validation(operation["responses"])
+    for name, method, access in _declared(app):
+        described["paths"][name][method]["x-isodyn-scope"] = access
     for unused in ("HTTPValidationError", "ValidationError"):
         schemas.pop(unused, None)
     return described
@@ -74,6 +78,16 @@ def install(app: FastAPI) -> None:
 
     serve: Callable[[], dict[str, Any]] = cached
     app.openapi = serve  # type: ignore[method-assign]  # FastAPI's documented way to extend the document
+
+
+def _declared(app: FastAPI) -> Iterator[tuple[str, str, str]]:
+    """Path, method and scope (``any`` key, ``none``) of every call that is shown."""
+    for context in iter_route_contexts(app.routes):
+        route = context.original_route
+        if isinstance(route, ApiRoute) and route.include_in_schema:
+            scope = "none" if route.access.public else route.access.scope or "any"
+            for method in route.methods or ():
+                yield route.path, method.lower(), str(scope)
 
 
 def _raw_schemas() -> dict[str, Any]:

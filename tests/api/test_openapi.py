@@ -86,6 +86,17 @@ def test_all_calls_are_described(document: dict[str, Any]) -> None:
         assert operation["responses"].keys() & {"200", "201", "202", "204"}, name
 
 
+def test_calls_have_short_unique_names_and_their_scope(document: dict[str, Any]) -> None:
+    described = dict(operations(document))
+    names = [operation["operationId"] for operation in described.values()]
+    assert len(set(names)) == len(names)
+    assert "add_segment" in names
+    for name, operation in described.items():
+        access = TABLE[name]
+        expected = "none" if access.public else access.scope.value if access.scope else "any"
+        assert operation["x-isodyn-scope"] == expected, name
+
+
 def test_references_lead_somewhere(document: dict[str, Any]) -> None:
     known = document["components"]["schemas"]
     for reference in references(document):
