@@ -73,6 +73,49 @@ def test_step_count_never_falls_and_counts_every_step(times: list[float]) -> Non
     assert count[-1] == pytest.approx(len(times))
 
 
+def coarse(samples: ImuSamples, every: int) -> ImuSamples:
+    """Every so many samples of the field and the force, and the mean rate between them."""
+    turned = np.cumsum(samples.gyro, axis=0)[::every]
+    gyro = np.diff(turned, axis=0, prepend=turned[:1]) / every
+    return ImuSamples(samples.t[::every], samples.mag[::every], samples.acc[::every], gyro)
+
+
+@pytest.mark.parametrize("every", [3, 5], ids=["17 Hz", "10 Hz"])
+class TestCoarseRates:
+    def test_steps_are_those_of_fifty_hertz(self, every: int) -> None:
+        fine, _ = level_samples(WALK.samples)
+        levelled, _ = level_samples(coarse(WALK.samples, every))
+        expected, found = find_steps(fine.t, fine.vertical), find_steps(levelled.t, levelled.vertical)
+        assert len(found) == pytest.approx(len(expected), abs=1)
+        nearest = np.abs(found.t[:, None] - expected.t).min(axis=1)
+        assert np.median(nearest) < 0.05
+        assert np.median(found.swing) == pytest.approx(np.median(expected.swing), rel=0.06)
+
+    @pytest.mark.parametrize("seconds", [1.1, 1.3, 1.7, 3.1])
+    def test_cutting_changes_nothing(self, every: int, seconds: float) -> None:
+        samples = coarse(WALK.samples, every)
+        state, pieces = None, []
+        for piece in cut(samples, seconds=seconds):
+            state, events = advance(state, piece)
+            pieces.append(events)
+        _, whole = advance(None, samples)
+        np.testing.assert_array_equal(np.concatenate([p.t for p in pieces]), whole.t)
+        np.testing.assert_allclose(np.concatenate([p.swing for p in pieces]), whole.swing, atol=1e-9)
+
+    def test_a_gentle_walker_is_felt_and_standing_is_not(self, every: int) -> None:
+        t = 1_700_000_000.0 + np.arange(0.0, 30.0, 0.02 * every)
+        noise = 0.1 * np.random.default_rng(0).standard_normal(len(t))
+        walking = find_steps(t, 9.81 + 0.75 * np.sin(2 * np.pi * 1.4 * t) + noise)
+        assert len(walking) == pytest.approx(1.4 * 30.0, abs=3)
+        assert len(find_steps(t, 9.81 + noise)) == 0
+
+
+def test_too_few_coarse_samples_have_no_steps() -> None:
+    for n in range(7):
+        t = 0.1 * np.arange(n)
+        assert len(find_steps(t, 9.81 + np.sin(9.0 * t))) == 0
+
+
 def test_a_pause_does_not_move_the_walker() -> None:
     steps = Steps(np.array([1.0, 1.5, 2.0, 10.0, 10.5, 11.0]), np.ones(6))
     waypoints = Waypoints(np.array([0.5, 11.0]), np.array([0.0, 5.5]), np.array([0.0, 0.0]))

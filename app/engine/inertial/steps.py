@@ -1,7 +1,7 @@
 """Steps from vertical specific force.
 
 Everything is decided from samples within ``SETTLE_S`` after a peak and ``MEMORY_S`` before it, so cutting a recording
-into segments does not change its steps.
+into segments does not change its steps. (At a coarse rate add two samples on either side: the interpolation's reach.)
 """
 
 from __future__ import annotations
@@ -21,6 +21,11 @@ SMOOTH_S = 0.12
 """Half width of the smoothing window."""
 PEAK_S = 0.2
 """A step is the highest value within this time on either side."""
+COARSE_S = 0.03
+"""From this median interval on samples miss the peaks; they are interpolated every ``FINE_S`` first."""
+FINE_S = 0.02
+COARSE_MIN_SWING = 0.8
+"""m/s^2: what little a coarse rate and the filters before it leave of a gentle walker's step."""
 SETTLE_S = PEAK_S + SMOOTH_S
 MEMORY_S = SWING_S + SMOOTH_S + PEAK_S
 
@@ -47,6 +52,10 @@ def find_steps(t: Float64Array, vertical: Float64Array, *, after: float = -np.in
     after : float, s
         Time of the last step known already; the next is at least ``MIN_INTERVAL_S`` later.
     """
+    min_swing = MIN_SWING
+    if t.shape[0] >= 4 and np.median(np.diff(t)) > COARSE_S:
+        min_swing = COARSE_MIN_SWING
+        t, vertical = _interpolate_finely(t, vertical)
     if t.shape[0] < 3:
         return Steps(np.empty(0), np.empty(0))
     smooth = _smooth(t, vertical)
@@ -59,11 +68,32 @@ def find_steps(t: Float64Array, vertical: Float64Array, *, after: float = -np.in
         around = slice(np.searchsorted(t, t[i] - PEAK_S), np.searchsorted(t, t[i] + PEAK_S, side="right"))
         before = slice(np.searchsorted(t, t[i] - SWING_S), i + 1)
         swing = smooth[i] - smooth[before].min()
-        if smooth[i] >= smooth[around].max() and swing >= MIN_SWING:
+        if smooth[i] >= smooth[around].max() and swing >= min_swing:
             times.append(float(t[i]))
             swings.append(float(swing))
             after = float(t[i])
     return Steps(np.array(times), np.array(swings))
+
+
+def _interpolate_finely(t: Float64Array, v: Float64Array) -> tuple[Float64Array, Float64Array]:
+    """Cubic interpolation at multiples of ``FINE_S`` within the second and the last but one sample.
+
+    A value depends on two samples on either side of it and on nothing else, the times on none, so pieces of a recording
+    give pieces of the same result.
+    """
+    fine = FINE_S * np.arange(np.ceil(t[1] / FINE_S), np.floor(t[-2] / FINE_S) + 1)
+    left = np.clip(np.searchsorted(t, fine, side="right") - 1, 1, len(t) - 3)
+    slope = np.gradient(v, t)
+    step = t[left + 1] - t[left]
+    u = (fine - t[left]) / step
+    # cubic Hermite basis: value and slope at the left sample, then at the right one
+    value: Float64Array = (
+        (1 + 2 * u) * (1 - u) ** 2 * v[left]
+        + u * (1 - u) ** 2 * step * slope[left]
+        + u**2 * (3 - 2 * u) * v[left + 1]
+        - u**2 * (1 - u) * step * slope[left + 1]
+    )
+    return fine, value
 
 
 def detect_steps(samples: ImuSamples) -> Float64Array:
