@@ -134,12 +134,17 @@ class SurveyWalk:
     waypoints : Waypoints
         At least two, strictly increasing in time.
     wifi : RadioScans or None
+    device_heading : float or None, rad, level frame
+        Mean direction of the device's y axis, counter-clockwise from +x, where the surveyor kept it apart from the
+        direction of motion (a trolley pushed sideways, a phone that points one way on every line). None: along the
+        motion, give or take how it was held.
     """
 
     walk_id: str
     samples: ImuSamples
     waypoints: Waypoints
     wifi: RadioScans | None = None
+    device_heading: float | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False, weakref_slot=True)

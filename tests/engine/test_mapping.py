@@ -20,7 +20,7 @@ from app.engine.mapping.samples import place_samples
 from app.engine.mapping.variogram import field_level, fit_covariance
 from app.engine.types import FeatureSet, MapBuild, MapBuildSettings, SurveyWalk, Waypoints
 from app.evaluation.datasets.ilc20 import open_ilc20
-from tests.support.walks import Field
+from tests.support.walks import Field, survey_of, walk_through
 
 
 @pytest.fixture(scope="module")
@@ -110,6 +110,35 @@ def test_alignment_brings_walks_together(survey: tuple[SurveyWalk, ...]) -> None
         return float(np.sqrt(((values[pairs[:, 0]] - values[pairs[:, 1]]) ** 2).mean()))
 
     assert disagreement(offsets) < 0.5 * disagreement(plain)
+
+
+def test_a_phone_that_points_one_way_on_every_line(field: Field) -> None:
+    """Lines along y with the phone pointing along +x: the survey's word replaces the direction of motion."""
+    rng = np.random.default_rng(8)
+    lines = []
+    for i, x in enumerate(np.arange(2.0, 14.0, 1.0)):
+        ends = np.array([[x, 2.0], [x, 18.0]])
+        walk = survey_of(walk_through(ends, field, rng, carry=-np.pi / 2), f"line-{i}", every_s=60.0)
+        lines.append(replace(walk, device_heading=0.0))
+
+    def error(walks: list[SurveyWalk]) -> float:
+        g = build_map("sim", walks).grid_map
+        rows, columns = g.shape
+        xx, yy = np.meshgrid(g.x0 + g.cell_m * np.arange(columns), g.y0 + g.cell_m * np.arange(rows))
+        truth = field.at(np.stack([xx.ravel(), yy.ravel()], axis=1)).T.reshape(g.mean.shape)
+        near = g.support < 0.5
+        return float(np.sqrt(((g.mean - truth)[:2, near] ** 2).mean()))
+
+    assert error(lines) < 2.0
+    assert error([replace(walk, device_heading=None) for walk in lines]) > 10.0
+
+
+def test_sway_about_the_device_heading_is_kept(survey: tuple[SurveyWalk, ...]) -> None:
+    placed = place_samples(replace(survey[0], device_heading=1.0))
+    plain = place_samples(survey[0])
+    assert np.angle(np.exp(1j * (placed.heading - 1.0)).mean()) == pytest.approx(0.0, abs=1e-9)
+    turned = np.exp(1j * (placed.heading - plain.heading))
+    assert np.abs(np.angle(turned / turned.mean())).max() < 0.2  # but for the legs' slow drift correction
 
 
 def test_walk_order_does_not_matter(survey: tuple[SurveyWalk, ...], built: MapBuild) -> None:

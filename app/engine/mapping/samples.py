@@ -27,7 +27,8 @@ class PlacedSamples:
     t : array, shape (n,), s
     xy : array, shape (n, 2), m, level frame
     heading : array, shape (n,), rad
-        Direction of motion in the level frame; the device's own heading differs by how it was held.
+        Heading of the device in the level frame as far as the survey tells: the direction of motion, or what the
+        surveyor said. How the device was held adds to it.
     mag : array, shape (n, 3), uT
         Forward, left, up of the device.
     """
@@ -65,10 +66,18 @@ def place_samples(walk: SurveyWalk) -> PlacedSamples:
     if t.shape[0] < _MIN_SAMPLES:
         raise InputError("waypoints.t", "hardly any step lies between the waypoints; are both on one clock?")
     x, y = positions_by_steps(t, steps, waypoints)
-    offset = heading_offset(levelled, steps, waypoints)
-    heading = np.interp(t, levelled.t, levelled.heading + offset)
+    if walk.device_heading is None:
+        placed = levelled.heading + heading_offset(levelled, steps, waypoints)
+    else:
+        placed = levelled.heading + _offset_to(walk.device_heading, np.interp(t, levelled.t, levelled.heading))
+    heading = np.interp(t, levelled.t, placed)
     mag = window_means(levelled.t, levelled.mag, t, WINDOW_S)
     return PlacedSamples(walk.walk_id, t, np.stack([x, y], axis=1), heading, mag)
+
+
+def _offset_to(device_heading: float, free: Float64Array) -> float:
+    """Angle that brings free-azimuth headings to a mean of ``device_heading``, rad."""
+    return device_heading - float(np.angle(np.mean(np.exp(1j * free))))
 
 
 def window_means(t: Float64Array, values: Float64Array, at: Float64Array, half: float) -> Float64Array:
