@@ -140,8 +140,8 @@ def export(
         Path, typer.Argument(help="Where to write: .png (colours, north up) or .npy (float32, NaN unmapped).")
     ],
     channel: Annotated[
-        str, typer.Option(help="x, y or z (vector), h or v (hv), or total.", show_default="the first of the map")
-    ] = "",
+        str, typer.Option(help="x, y, z (vector maps), h, v (hv maps), or total: the magnitude.")
+    ] = "total",
     statistic: Annotated[
         Statistic, typer.Option(help="mean and sd in uT; support: metres to the nearest survey sample.")
     ] = Statistic.MEAN,
@@ -161,9 +161,6 @@ def export(
     if file.suffix.lower() not in {".png", ".npy"}:
         raise InputFileError(file, "name a .png or a .npy file")
     with connect(url, key) as client:
-        from app.cli.transport import CHANNELS
-
-        channel = channel or CHANNELS[client.map_info(map_id).features][0]
         if file.suffix.lower() == ".png":
             file.write_bytes(client.map_image(map_id, channel, statistic=statistic.value))
             typer.echo(f"{file}: {channel}, {statistic.value}")

@@ -10,7 +10,6 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import isodyn_client as isodyn
-import numpy as np
 
 from app.cli.convert import fixes_from, prior_of, samples_of, waypoints_of, wifi_of
 from app.engine.types import Fix, MapBuildSettings, Prior, Progress, Segment, SurveyWalk
@@ -119,17 +118,8 @@ def build_map(client: Client, level_id: str, settings: MapBuildSettings, progres
 
 def magnitude(client: Client, map_id: str) -> FieldRaster:
     """Magnitude of a map's field, NaN where there is no map."""
-    info = client.map_info(map_id)
-    channels = [client.map_field(map_id, channel) for channel in CHANNELS[info.features]]
-    squares = np.sum([channel.values.astype(np.float64) ** 2 for channel in channels], axis=0)
-    return FieldRaster(info.x0, info.y0, info.cell_m, np.sqrt(squares).astype(np.float32))
-
-
-CHANNELS: Mapping[isodyn.FeatureSet, tuple[str, ...]] = {
-    isodyn.FeatureSet.VECTOR: ("x", "y", "z"),
-    isodyn.FeatureSet.HV: ("h", "v"),
-    isodyn.FeatureSet.TOTAL: ("total",),
-}
+    field = client.map_field(map_id, "total")
+    return FieldRaster(field.x0, field.y0, field.cell_m, field.values)
 
 
 @contextmanager

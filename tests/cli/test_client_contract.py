@@ -13,7 +13,10 @@ import isodyn_client as isodyn
 import numpy as np
 import pytest
 from isodyn_client import endpoints
+from isodyn_client.errors import problem_from
 
+from app.api.errors import PROBLEM_TYPES, Problem, ProblemType
+from app.api.validation import FieldError
 from app.cli.convert import samples_of, waypoints_of, wifi_of
 from app.evaluation.datasets.ilc20 import Ilc20Level, RecordedWalk
 from app.main import create_app
@@ -216,6 +219,15 @@ def test_a_level_without_a_map(service: Service) -> None:
             client.open_session(level.id)
         with pytest.raises(isodyn.ConflictError):
             client.request_map(level.id)
+
+
+@pytest.mark.parametrize("kind", PROBLEM_TYPES, ids=lambda kind: kind.slug)
+def test_every_problem_of_the_service_has_an_error(kind: ProblemType) -> None:
+    answer = Problem(kind, "what happened", (FieldError("a.b", "is wrong", "put it right"),)).response("/v1/venues")
+    error = problem_from(httpx.Response(answer.status_code, content=bytes(answer.body)))
+    assert isinstance(error, isodyn.ProblemError)
+    assert (error.slug, error.status, error.field, error.remedy) == (kind.slug, kind.status, "a.b", "put it right")
+    assert (type(error) is isodyn.ProblemError) == (kind.slug == "method-not-allowed")
 
 
 def test_every_call_of_the_api_has_a_method(service: Service) -> None:

@@ -245,8 +245,8 @@ def maps(*, level_id: str | None = None) -> Listing[MapInfo]:
 def map_field(map_id: str, channel: str, *, statistic: str = "mean") -> Call[FieldRaster]:
     """One channel of a map as a numpy array, uT (``support``: metres to the nearest survey sample).
 
-    Channels are those of the map's features: ``x y z`` (vector), ``h v`` (hv) or ``total``; ``statistic`` is
-    ``mean``, ``sd`` or ``support``.
+    Channels are those of the map's features, ``x y z`` (vector) or ``h v`` (hv), and ``total`` for the magnitude;
+    ``statistic`` is ``mean``, ``sd`` or ``support``.
     """
     params = {"channel": channel, "statistic": statistic, "format": "f32"}
     return Call("GET", f"/v1/maps/{map_id}/field", _as_raster, params=params)
