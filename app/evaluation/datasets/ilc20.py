@@ -15,87 +15,34 @@ True
 
 from __future__ import annotations
 
-import json
 import re
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
-import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
-from numpy.typing import NDArray
-
-from app.engine.types import BoolArray, Float64Array, ImuSamples, RadioScans, SurveyWalk, Waypoints
+from app.engine.types import Float64Array, RadioScans
+from app.evaluation.datasets.columns import (
+    NO_LABELS,
+    ImuColumns,
+    column,
+    dictionary_codes,
+    read_json,
+    read_labels,
+    read_table,
+    rows_by_walk,
+    seconds,
+)
 from app.evaluation.datasets.plans import GeoJson, plan_to_level_metres
+from app.evaluation.datasets.walks import RecordedWalk, WifiLog, path_length
 from app.evaluation.errors import DataSetError
+
+__all__ = ["Ilc20", "Ilc20Level", "RecordedWalk", "Split", "WifiLog", "open_ilc20"]
 
 Split = Literal["train", "test"]
 
 WIFI_MAX_AGE_MS = 3000
 """Older entries of a scan are left out: at walking pace they were heard several metres back."""
-
-_SENSOR_COLUMNS = ("mx", "my", "mz", "ax", "ay", "az", "gx", "gy", "gz")
-
-
-@dataclass(frozen=True, slots=True)
-class WifiLog:
-    """Wi-Fi readings of a walk with the time at which the phone reported them.
-
-    Attributes
-    ----------
-    scans : RadioScans
-        ``scans.t`` is when the access point was last heard.
-    reported_t : array, shape (m,), s
-        When the scan was delivered, non-decreasing. A causal replay may use a row only from here on.
-    """
-
-    scans: RadioScans
-    reported_t: Float64Array
-
-    def between(self, after: float, until: float) -> RadioScans | None:
-        """Readings reported in ``(after, until]``, None if there are none."""
-        first, last = np.searchsorted(self.reported_t, [after, until], side="right")
-        if first == last:
-            return None
-        rows = slice(int(first), int(last))
-        return RadioScans(self.scans.t[rows], self.scans.address[rows], self.scans.rssi[rows])
-
-
-@dataclass(frozen=True, slots=True)
-class RecordedWalk:
-    """One recorded walk with labelled waypoints.
-
-    Attributes
-    ----------
-    walk_id : str
-    split : "train" or "test"
-    samples : ImuSamples
-    waypoints : Waypoints
-    wifi_log : WifiLog or None
-    device : str
-        Brand and model, empty if unknown.
-    path_length_m : float
-        Sum of the straight legs between the waypoints.
-    """
-
-    walk_id: str
-    split: str
-    samples: ImuSamples
-    waypoints: Waypoints
-    wifi_log: WifiLog | None
-    device: str
-    path_length_m: float
-
-    @property
-    def wifi(self) -> RadioScans | None:
-        """All Wi-Fi readings of the walk."""
-        return self.wifi_log.scans if self.wifi_log else None
-
-    def survey_walk(self) -> SurveyWalk:
-        """The walk as input of map building."""
-        return SurveyWalk(self.walk_id, self.samples, self.waypoints, self.wifi)
 
 
 @dataclass(frozen=True)
@@ -127,7 +74,7 @@ class Ilc20Level:
     @cached_property
     def extent(self) -> tuple[float, float, float, float]:
         """``(x_min, y_min, x_max, y_max)`` of the plan rectangle, metres."""
-        floor = _read_json(self.folder / "floor.json")
+        floor = read_json(self.folder / "floor.json")
         try:
             return (0.0, 0.0, float(floor["width_m"]), float(floor["height_m"]))
         except (KeyError, TypeError, ValueError) as error:
@@ -146,7 +93,7 @@ class Ilc20Level:
         if not path.is_file():
             return None
         try:
-            return plan_to_level_metres(_read_json(path), self.extent[2], self.extent[3])
+            return plan_to_level_metres(read_json(path), self.extent[2], self.extent[3])
         except (KeyError, TypeError, IndexError, ValueError) as error:
             raise DataSetError(path, f"is no usable GeoJSON plan ({error})") from error
 
@@ -193,19 +140,6 @@ def open_ilc20(data_dir: Path) -> Ilc20:
 
 
 @dataclass(frozen=True, slots=True)
-class _WaypointRows:
-    """Labels of a walk, times in milliseconds since its start."""
-
-    t_ms: Float64Array
-    x: Float64Array
-    y: Float64Array
-
-    def waypoints(self, start_ms: int) -> Waypoints:
-        keep = _rising(self.t_ms)
-        return Waypoints(_seconds(start_ms, self.t_ms[keep]), self.x[keep], self.y[keep])
-
-
-@dataclass(frozen=True, slots=True)
 class _WifiRows:
     """Wi-Fi readings of a walk, times in milliseconds since its start."""
 
@@ -215,44 +149,27 @@ class _WifiRows:
     rssi: Float64Array
 
     def wifi_log(self, start_ms: int) -> WifiLog:
-        heard = _seconds(start_ms, self.reported_ms - self.age_ms)
-        return WifiLog(RadioScans(heard, self.address, self.rssi), _seconds(start_ms, self.reported_ms))
-
-
-_NO_WAYPOINTS = _WaypointRows(np.empty(0), np.empty(0), np.empty(0))
+        heard = seconds(start_ms, self.reported_ms - self.age_ms)
+        return WifiLog(RadioScans(heard, self.address, self.rssi), seconds(start_ms, self.reported_ms))
 
 
 def _read_walks(folder: Path) -> tuple[RecordedWalk, ...]:
-    traces = _read_table(
+    traces = read_table(
         folder / "traces.parquet",
         ("trace_id", "row_start", "n_samples", "split", "start_unix_ms"),
         ("device_brand", "device_model"),
     ).to_pylist()
-    imu = _read_table(folder / "imu.parquet", ("t", *_SENSOR_COLUMNS))
-    t_ms = _column(imu, "t")
-    mag, acc, gyro = (_vector(imu, axis) for axis in "mag")
-    usable: BoolArray = np.all(np.isfinite(np.hstack((mag, acc, gyro))), axis=1)
-    waypoints = _read_waypoints(folder / "waypoints.parquet")
+    imu = ImuColumns.read(folder / "imu.parquet")
+    labels = read_labels(folder / "waypoints.parquet")
     wifi = _read_wifi(folder / "wifi.parquet")
 
     walks: list[RecordedWalk] = []
     for trace in traces:
-        walk_id = str(trace["trace_id"])
-        rows = slice(int(trace["row_start"]), int(trace["row_start"]) + int(trace["n_samples"]))
-        if rows.stop > len(t_ms):
-            raise DataSetError(folder / "traces.parquet", f"trace {walk_id} ends behind the last row of imu.parquet")
-        start_ms = int(trace["start_unix_ms"])
-        points = waypoints.get(walk_id, _NO_WAYPOINTS).waypoints(start_ms)
-        keep = usable[rows] & _rising(t_ms[rows])
-        if len(points) < 2 or not keep.any():
+        walk_id, start_ms = str(trace["trace_id"]), int(trace["start_unix_ms"])
+        samples = imu.samples(trace)
+        points = labels.get(walk_id, NO_LABELS).waypoints(start_ms)
+        if len(points) < 2 or samples is None:
             continue  # without two labels there is neither truth nor survey
-        whole = bool(keep.all())
-        samples = ImuSamples(
-            t=_seconds(start_ms, t_ms[rows] if whole else t_ms[rows][keep]),
-            mag=mag[rows] if whole else mag[rows][keep],
-            acc=acc[rows] if whole else acc[rows][keep],
-            gyro=gyro[rows] if whole else gyro[rows][keep],
-        )
         walks.append(
             RecordedWalk(
                 walk_id=walk_id,
@@ -261,100 +178,20 @@ def _read_walks(folder: Path) -> tuple[RecordedWalk, ...]:
                 waypoints=points,
                 wifi_log=wifi[walk_id].wifi_log(start_ms) if walk_id in wifi else None,
                 device=" ".join(str(trace.get(name) or "") for name in ("device_brand", "device_model")).strip(),
-                path_length_m=float(np.hypot(np.diff(points.x), np.diff(points.y)).sum()),
+                path_length_m=path_length(points),
             )
         )
     return tuple(walks)
 
 
-def _read_waypoints(path: Path) -> dict[str, _WaypointRows]:
-    table = _read_table(path, ("trace_id", "t", "x", "y"))
-    t_ms, x, y = (_column(table, name) for name in ("t", "x", "y"))
-    usable = np.isfinite(x) & np.isfinite(y)
-    return {
-        walk_id: _WaypointRows(t_ms[rows], x[rows], y[rows])
-        for walk_id, rows in _rows_by_walk(table, usable, t_ms).items()
-    }
-
-
 def _read_wifi(path: Path) -> dict[str, _WifiRows]:
     if not path.is_file():
         return {}
-    table = _read_table(path, ("trace_id", "t", "bssid", "rssi", "age_ms"))
-    reported, age, rssi = (_column(table, name) for name in ("t", "age_ms", "rssi"))
-    codes, names = _codes(table, "bssid")
+    table = read_table(path, ("trace_id", "t", "bssid", "rssi", "age_ms"))
+    reported, age, rssi = (column(table, name) for name in ("t", "age_ms", "rssi"))
+    codes, names = dictionary_codes(table, "bssid")
     fresh = (age >= 0) & (age <= WIFI_MAX_AGE_MS)
     return {
         walk_id: _WifiRows(reported[rows], age[rows], tuple(names[code] for code in codes[rows]), rssi[rows])
-        for walk_id, rows in _rows_by_walk(table, fresh, reported).items()
+        for walk_id, rows in rows_by_walk(table, fresh, reported).items()
     }
-
-
-def _rows_by_walk(table: pa.Table, usable: BoolArray, t_ms: Float64Array) -> dict[str, NDArray[np.intp]]:
-    """Usable rows of each walk, in time order."""
-    codes, names = _codes(table, "trace_id")
-    rows = np.flatnonzero(usable)
-    rows = rows[np.lexsort((t_ms[rows], codes[rows]))]
-    present, starts = np.unique(codes[rows], return_index=True)
-    return (
-        {names[code]: part for code, part in zip(present, np.split(rows, starts[1:]), strict=True)} if len(rows) else {}
-    )
-
-
-def _codes(table: pa.Table, name: str) -> tuple[NDArray[np.int64], list[str]]:
-    """A string column as codes and the strings they stand for (no Python string per row)."""
-    column = table[name].combine_chunks()
-    if isinstance(column, pa.ChunkedArray):  # no rows at all
-        return np.empty(0, dtype=np.int64), []
-    if not pa.types.is_dictionary(column.type):
-        column = column.dictionary_encode()
-    codes: NDArray[np.int64] = column.indices.to_numpy(zero_copy_only=False).astype(np.int64)
-    return codes, [str(value) for value in column.dictionary.to_pylist()]
-
-
-def _read_table(path: Path, columns: tuple[str, ...], optional: tuple[str, ...] = ()) -> pa.Table:
-    try:
-        names = pq.read_schema(path).names
-        missing = [name for name in columns if name not in names]
-        if missing:
-            raise DataSetError(path, f"lacks the columns {', '.join(missing)}")
-        return pq.read_table(path, columns=[*columns, *(name for name in optional if name in names)])
-    except (OSError, pa.ArrowInvalid) as error:
-        raise DataSetError(path, f"cannot be read ({error})") from error
-
-
-def _read_json(path: Path) -> dict[str, Any]:
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, json.JSONDecodeError) as error:
-        raise DataSetError(path, f"cannot be read ({error})") from error
-    if not isinstance(content, dict):
-        raise DataSetError(path, "is not a JSON object")
-    return content
-
-
-def _column(table: pa.Table, name: str) -> Float64Array:
-    values: Float64Array = table[name].to_numpy(zero_copy_only=False).astype(np.float64)
-    return values
-
-
-def _vector(table: pa.Table, sensor: str) -> Float64Array:
-    out = np.empty((table.num_rows, 3))
-    for i, axis in enumerate("xyz"):
-        out[:, i] = table[sensor + axis].to_numpy()
-    return out
-
-
-def _seconds(start_ms: int, t_ms: Float64Array) -> Float64Array:
-    """UTC seconds. Whole milliseconds are added first: they are exact in float64."""
-    seconds: Float64Array = (start_ms + t_ms) / 1000.0
-    return seconds
-
-
-def _rising(t: Float64Array) -> BoolArray:
-    """Rows later than every row before them."""
-    if not len(t):
-        return np.zeros(0, dtype=np.bool_)
-    newest = np.maximum.accumulate(t)
-    rising: BoolArray = np.r_[True, t[1:] > newest[:-1]]
-    return rising
