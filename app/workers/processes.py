@@ -16,7 +16,7 @@ from collections import OrderedDict, deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from multiprocessing.connection import wait
 from multiprocessing.context import BaseContext
 from multiprocessing.process import BaseProcess
@@ -58,6 +58,24 @@ def _no_main_module() -> Iterator[None]:
         sys.modules["__main__"] = main
 
 
+class TaskFuture(Future[Result]):
+    """Future of a task in a worker process: cancelling it while it runs ends the worker.
+
+    :meth:`cancel` then returns False like any future's, and the future fails with :class:`WorkerLostError` soon.
+    """
+
+    def __init__(self, abort: Callable[[TaskFuture[Any]], None]) -> None:
+        super().__init__()
+        self._abort = abort
+
+    def cancel(self) -> bool:
+        """Cancel the task if it waits, stop it if it runs."""
+        cancelled = super().cancel()
+        if not cancelled:
+            self._abort(self)
+        return cancelled
+
+
 @dataclass(frozen=True, slots=True)
 class _Ticket:
     """A submitted task."""
@@ -65,7 +83,7 @@ class _Ticket:
     payload: bytes
     affinity: str
     on_progress: Progress | None
-    future: Future[Any] = field(default_factory=Future)
+    future: TaskFuture[Any]
 
 
 class _Worker:
@@ -89,8 +107,10 @@ class _Worker:
         except (EOFError, OSError):
             return False
 
-    def call(self, ticket: _Ticket, time_limit_s: float | None) -> Done[Any] | Failed:
-        """Run one task; raises WorkerLostError if the worker dies over it or takes too long."""
+    def call(self, ticket: _Ticket, time_limit_s: float | None) -> Done[Any] | Failed | None:
+        """Run one task, fail with WorkerLostError if the worker dies over it or takes too long; None if cancelled."""
+        if not ticket.future.set_running_or_notify_cancel():
+            return None
         deadline = None if time_limit_s is None else time.monotonic() + time_limit_s
         try:
             self.connection.send_bytes(ticket.payload)
@@ -100,9 +120,9 @@ class _Worker:
                     return decode(message[1:])
                 if ticket.on_progress is not None:
                     ticket.on_progress(*pickle.loads(message[1:]))  # noqa: S301 - from our own worker
-        except (EOFError, OSError) as error:
-            raise WorkerLostError(f"worker {self.process.pid} died while it held the task") from error
-        raise WorkerLostError(f"worker {self.process.pid} was stopped: the task took longer than {time_limit_s} s")
+        except (EOFError, OSError):
+            return Failed(WorkerLostError(f"worker {self.process.pid} died while it held the task"))
+        return Failed(WorkerLostError(f"worker {self.process.pid} was stopped: it took longer than {time_limit_s} s"))
 
     def release(self, *, kill: bool) -> int | None:
         """Close the pipe, which asks an idle worker to leave, see it gone, and return its exit code."""
@@ -124,6 +144,8 @@ class _Slot:
         self.worker: _Worker | None = None
         self.warm = False
         self.assigned: _Ticket | None = None
+        self.running: TaskFuture[Any] | None = None
+        self.aborted = False
         self.recent: OrderedDict[str, None] = OrderedDict()
         self.bell, self._ring = context.Pipe(duplex=False)
 
@@ -223,13 +245,14 @@ class ProcessExecutor:
 
         ``on_progress`` and callbacks of the future run in a thread of the pool and must neither block nor raise.
         """
-        ticket = _Ticket(pickle.dumps((task, spec), protocol=pickle.HIGHEST_PROTOCOL), affinity, on_progress)
+        payload = pickle.dumps((task, spec), protocol=pickle.HIGHEST_PROTOCOL)
+        future: TaskFuture[Result] = TaskFuture(self._abort)
         with self._lock:
             if self._closed.is_set():
                 raise RuntimeError("the executor is closed")
-            self._pending.append(ticket)
+            self._pending.append(_Ticket(payload, affinity, on_progress, future))
             self._assign()
-        return ticket.future
+        return future
 
     def close(self) -> None:
         """Stop all workers now; running tasks are lost, waiting ones cancelled."""
@@ -290,7 +313,7 @@ class ProcessExecutor:
         started = time.monotonic()
         warm = worker.await_ready(self._start_timeout_s)
         with self._lock:
-            slot.warm = warm
+            slot.warm, slot.aborted = warm, False
             slot.recent.clear()
         if warm:
             _log.debug("worker ready", pid=worker.process.pid, seconds=round(time.monotonic() - started, 3))
@@ -298,20 +321,27 @@ class ProcessExecutor:
 
     def _serve(self, slot: _Slot, worker: _Worker) -> bool:
         """Run tasks until the worker dies or the pool is closed; True if at least one was answered."""
-        served = False
-        while slot.warm and (ticket := self._next(slot, worker)) is not None:
-            if not ticket.future.set_running_or_notify_cancel():
-                continue
-            try:
-                outcome = worker.call(ticket, self._time_limit_s)
-            except WorkerLostError as error:
-                ticket.future.set_exception(error)
-                break
+        served = lost = False
+        while slot.warm and not lost and (ticket := self._next(slot, worker)) is not None:
             with self._lock:
+                slot.running = ticket.future
+            outcome = worker.call(ticket, self._time_limit_s)
+            with self._lock:
+                slot.running = None
                 slot.remember(ticket.affinity)
-            served = True
-            settle(ticket.future, outcome)
-        return served
+            lost = isinstance(outcome, Failed) and isinstance(outcome.error, WorkerLostError)
+            served = served or not lost
+            if outcome is not None:
+                settle(ticket.future, outcome)
+        return served or slot.aborted
+
+    def _abort(self, future: TaskFuture[Any]) -> None:
+        """End the worker that runs this task, if one still does."""
+        with self._lock:
+            for slot in self._slots:
+                if slot.running is future and slot.worker is not None:
+                    slot.aborted = True
+                    slot.worker.process.kill()
 
     def _next(self, slot: _Slot, worker: _Worker) -> _Ticket | None:
         """Wait for a task; None if the pool is closed or the idle worker has died."""
@@ -341,7 +371,9 @@ class ProcessExecutor:
         closed = self._closed.is_set()
         pid = worker.process.pid
         exit_code = worker.release(kill=not closed)
-        if not closed:
+        if slot.aborted:
+            _log.info("worker stopped, its task was cancelled", pid=pid)
+        elif not closed:
             _log.warning("worker lost", pid=pid, exit_code=exit_code)
             if self._on_lost is not None:
                 self._on_lost()

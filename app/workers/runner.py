@@ -103,6 +103,7 @@ class Lane(Generic[Spec, Result]):
         self._inbox: SimpleQueue[_Step | None] = SimpleQueue()
         self._again: deque[_Step] = deque()
         self._in_flight: dict[str, Future[Result] | None] = {}
+        self._cancelled: set[str] = set()
         self._stopping = threading.Event()
         self._thread = threading.Thread(target=self._run, name=f"lane-{work.kind}", daemon=True)
 
@@ -115,7 +116,7 @@ class Lane(Generic[Spec, Result]):
         self._inbox.put(None)
 
     def cancel(self, job: Job) -> None:
-        """The job was cancelled: take it from the executor's queue if it is still there; any thread may call."""
+        """The job was cancelled: withdraw it from the executor, if it is there; any thread may call."""
         self._inbox.put(_Step(job, lambda: self._withdraw(job)))
 
     def stop(self) -> None:
@@ -172,7 +173,7 @@ class Lane(Generic[Spec, Result]):
             self._again.append(step)
         else:
             # Not even its failure can be stored: it stays marked as running and is queued again at the next start.
-            self._in_flight.pop(step.job.id, None)
+            self._land(step.job)
 
     def _guard(self, job: Job | None, action: Callable[[], None]) -> bool:
         try:
@@ -201,11 +202,14 @@ class Lane(Generic[Spec, Result]):
 
     def _finish(self, job: Job, future: Future[Result]) -> None:
         """Store what came of a job."""
-        if future.cancelled() or (self._stopping.is_set() and isinstance(future.exception(), WorkerLostError)):
-            # Cancelled by its owner, or abandoned: then it is still marked as running, for the next start to find.
+        if future.cancelled() or job.id in self._cancelled:
             self._land(job)
             return
         error = future.exception()
+        if self._stopping.is_set() and isinstance(error, WorkerLostError):
+            # Abandoned: it stays marked as running, for the next start to find.
+            self._land(job)
+            return
         if error is None:
             self._end_or_land(job, self._work.complete(job, future.result()))
         elif isinstance(error, WorkerLostError):
@@ -232,11 +236,13 @@ class Lane(Generic[Spec, Result]):
 
     def _land(self, job: Job) -> None:
         self._in_flight.pop(job.id, None)
+        self._cancelled.discard(job.id)
         self._metrics.jobs_running.labels(self._work.kind).set(len(self._in_flight))
 
     def _withdraw(self, job: Job) -> None:
         future = self._in_flight.get(job.id)
         if future is not None:
+            self._cancelled.add(job.id)
             future.cancel()
 
     def _reporter(self, job: Job) -> Progress:

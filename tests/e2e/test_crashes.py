@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 
+from app.workers.bootstrap import ONE_THREAD
 from tests.e2e.conftest import MakeService, Prepared
 from tests.e2e.service import Service
 from tests.workers.polling import eventually, gone
@@ -85,6 +86,9 @@ def test_killing_busy_workers_loses_and_doubles_nothing(
     service = make_service(ISODYN_LOG_LEVEL="debug")
     service.start()
     eventually(lambda: len(service.workers()) == 3, 60)
+    for worker in service.workers():
+        assert {worker.environ()[name] for name in ONE_THREAD} == {"1"}
+        assert worker.num_threads() == 2, "the task's and the one that watches the service"
     send(service, in_turn(prepared))
     for kills in range(1, 4):
         done = service.metric(DONE)

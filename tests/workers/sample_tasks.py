@@ -22,6 +22,10 @@ def double(spec: int, progress: Progress) -> int:
     return 2 * spec
 
 
+def echo(spec: object, progress: Progress) -> object:
+    return spec
+
+
 def shout(spec: str, progress: Progress) -> object:
     return spec.upper() + "!"
 

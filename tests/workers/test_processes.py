@@ -122,6 +122,33 @@ def test_workers_that_cannot_start_leave_the_pool_empty_but_closable(context: Ba
     assert future.cancelled()
 
 
+def test_cancelling_a_running_task_ends_it_and_no_other(make_processes: MakeProcesses, tmp_path: Path) -> None:
+    lost: list[int] = []
+    pool = make_processes(2, on_lost=lambda: lost.append(1))
+    gate = tasks.Gate(tmp_path)
+    endless, other = pool.submit(tasks.spin, tmp_path / "pid"), pool.submit(tasks.wait_at_gate, gate)
+    eventually(lambda: (tmp_path / "pid").exists() and gate.entered.exists())
+    assert not endless.cancel()
+    assert isinstance(endless.exception(30), WorkerLostError)
+    gate.opened.touch()
+    other.result(30)
+    assert not other.cancel(), "it is over: its worker may have another task by now"
+    assert [pool.submit(tasks.double, i).result(30) for i in range(4)] == [0, 2, 4, 6]
+    eventually(lambda: pool.alive == 2)
+    assert lost == []
+
+
+def test_the_pool_survives_the_death_of_the_fork_server(make_processes: MakeProcesses) -> None:
+    pool = make_processes(1)
+    worker = psutil.Process(pool.submit(tasks.who, None).result(30))
+    fork_server = worker.parent()
+    assert fork_server is not None
+    fork_server.kill()
+    worker.kill()
+    eventually(lambda: worker.pid not in pool.pids)
+    assert pool.submit(tasks.who, None).result(60) != worker.pid
+
+
 def test_closing_ends_all_processes(make_processes: MakeProcesses, tmp_path: Path) -> None:
     pool = make_processes(2)
     eventually(lambda: pool.alive == 2)
@@ -168,5 +195,5 @@ def test_no_worker_outlives_a_killed_service(tmp_path: Path) -> None:
 
 def test_a_service_that_ends_without_closing_its_pool_ends(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "tests.workers.orphans", str(tmp_path / "pid"), "leave"]
-    assert subprocess.run(command, cwd=ROOT, stdout=subprocess.DEVNULL, timeout=60).returncode == 7
+    assert subprocess.run(command, check=False, cwd=ROOT, stdout=subprocess.DEVNULL, timeout=60).returncode == 7
     assert gone(int((tmp_path / "pid").read_text()))

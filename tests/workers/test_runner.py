@@ -222,6 +222,19 @@ def test_a_cancelled_job_that_waits_in_the_executor_is_withdrawn(bench: Bench) -
     eventually(lambda: bench.value("isodyn_jobs_running") == 0)
 
 
+def test_a_cancelled_job_whose_worker_was_ended_is_not_tried_again(bench: Bench) -> None:
+    bench.offer(queued("job_1"))
+    eventually(lambda: bench.executor.submitted)
+    bench.executor.of("job_1").future.set_running_or_notify_cancel()
+    bench.lane.cancel(bench.queue.cancel("job_1"))
+    bench.offer(queued("job_2"))
+    eventually(lambda: "job_2" in bench.executor.specs())
+    bench.executor.of("job_1").future.set_exception(WorkerLostError("stopped"))
+    eventually(lambda: bench.value("isodyn_jobs_running") == 1)
+    assert bench.queue.state("job_1") is JobState.CANCELLED
+    assert bench.value("isodyn_jobs_retried_total") == 0
+
+
 def test_stopping_waits_for_what_runs_and_takes_nothing_new(bench: Bench) -> None:
     bench.offer(queued("job_1"))
     eventually(lambda: bench.executor.submitted)
