@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import functools
+import inspect
+import re
 from collections.abc import Callable, Iterable, Sequence
 from typing import TYPE_CHECKING, Annotated, NoReturn, ParamSpec, TypeVar
 
@@ -53,7 +55,14 @@ def reported(command: Callable[P, R]) -> Callable[P, R]:
         except (IsodynError, CommandError, EngineError, EvaluationError, ServiceError, OSError) as error:
             fail(error)
 
+    run.__doc__ = reflowed(command.__doc__ or "")
     return run
+
+
+def reflowed(text: str) -> str:
+    """Paragraphs without the line breaks of the source, which help would keep; examples stay on lines of their own."""
+    paragraphs = re.split(r"\n\s*\n", inspect.cleandoc(text))
+    return "\n\n".join(re.sub(r"\n(?!Example:|\.)", " ", paragraph) for paragraph in paragraphs)
 
 
 def fail(error: Exception) -> NoReturn:

@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 import typer.main
 
+from app.cli.common import reflowed
 from app.cli.root import app
 from tests.cli.conftest import run
 
@@ -41,6 +42,19 @@ def test_help_has_an_example_and_explains_every_parameter(path: tuple[str, ...])
     result = run(*path, "--help")
     assert result.exit_code == 0
     assert "Example:" in result.output
+
+
+def test_paragraphs_flow_and_examples_stand_alone() -> None:
+    text = """One
+    two.
+
+    .csv: a
+    .json: b
+    c
+    Example:  x
+    Example:  y
+    """
+    assert reflowed(text) == "One two.\n\n.csv: a\n.json: b c\nExample:  x\nExample:  y"
 
 
 def test_help_imports_nothing_heavy() -> None:
