@@ -307,7 +307,11 @@ class Tracker(Protocol):
     def step(
         self, state: TrackerState, segment: Segment, map_source: MapSource
     ) -> tuple[TrackerState, tuple[Fix, ...]]:
-        """Advance by one segment; fixes are in time order, one per step walked and one at its end."""
+        """Advance by one segment: a fix per step confirmed, and one at the time up to which steps are settled.
+
+        Fixes are in time order, within a segment and from one to the next. A step takes its peak and 0.3 s to be
+        confirmed, so the last fix lies that much before the segment's end.
+        """
         ...
 
 

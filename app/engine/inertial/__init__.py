@@ -2,7 +2,7 @@
 
 from app.engine.inertial.attitude import Attitude, LevelledSamples, initial_attitude, level_samples
 from app.engine.inertial.pedestrian import PedestrianState, StepEvents, advance
-from app.engine.inertial.steps import Steps, detect_steps, find_steps
+from app.engine.inertial.steps import Steps, detect_steps, find_steps, settled_until
 
 __all__ = [
     "Attitude",
@@ -15,4 +15,5 @@ __all__ = [
     "find_steps",
     "initial_attitude",
     "level_samples",
+    "settled_until",
 ]

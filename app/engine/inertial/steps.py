@@ -30,6 +30,11 @@ SETTLE_S = PEAK_S + SMOOTH_S
 MEMORY_S = SWING_S + SMOOTH_S + PEAK_S
 
 
+def settled_until(t: Float64Array) -> float:
+    """Time up to which the steps of samples at ``t`` are final."""
+    return float(max(t[-1] - SETTLE_S, t[0]))
+
+
 @dataclass(frozen=True, slots=True)
 class Steps:
     """Steps of a stretch: times ``t`` (n,) s and ``swing`` (n,) m/s^2, the vertical swing that measures stride."""

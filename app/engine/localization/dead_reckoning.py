@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass
 import numpy as np
 
 from app.engine.errors import StateError
-from app.engine.inertial import PedestrianState, StepEvents, advance
+from app.engine.inertial import PedestrianState, StepEvents, advance, settled_until
 from app.engine.inertial.stride import SPREAD, WEINBERG, weinberg
 from app.engine.localization import codec
 from app.engine.types import FeatureSet, Fix, Float64Array, GridMap, MapSource, Prior, Segment, Status, TrackerState
@@ -57,7 +57,7 @@ class DeadReckoningTracker:
     def step(
         self, state: TrackerState, segment: Segment, map_source: MapSource
     ) -> tuple[TrackerState, tuple[Fix, ...]]:
-        """Advance by one segment: a fix per confirmed step, and one at the segment's end."""
+        """Advance by one segment: a fix per confirmed step, and one where steps are settled."""
         if state.method != self.method:
             raise StateError(f"state belongs to method {state.method!r}, not {self.method!r}")
         values = codec.unpack(state.payload)
@@ -70,7 +70,7 @@ class DeadReckoningTracker:
             track = _Track(pedestrian=pedestrian, **before)
         fixes = [self._walk(track, prior, events, i) for i in range(len(events))]
         last_t = float(segment.samples.t[-1])
-        fixes.append(_fix(track, prior, last_t))
+        fixes.append(_fix(track, prior, settled_until(segment.samples.t)))
         after = {**asdict(track), "pedestrian": codec.pedestrian_values(pedestrian)}
         return TrackerState(self.method, codec.pack({"prior": asdict(prior), "track": after}), last_t), tuple(fixes)
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from app.engine.errors import StateError
 from app.engine.filtering import Advance, Cloud, Estimate, FilterGrid, ParticleNoise, advance_cloud, prepare_grid
-from app.engine.inertial import PedestrianState, StepEvents, advance
+from app.engine.inertial import PedestrianState, StepEvents, advance, settled_until
 from app.engine.inertial.stride import weinberg
 from app.engine.localization import codec
 from app.engine.localization.initial import InitialSpread, initial_cloud
@@ -118,7 +118,7 @@ class ParticleTracker:
     def step(
         self, state: TrackerState, segment: Segment, map_source: MapSource
     ) -> tuple[TrackerState, tuple[Fix, ...]]:
-        """Advance by one segment: a fix per confirmed step, and one at the segment's end."""
+        """Advance by one segment: a fix per confirmed step, and one where steps are settled."""
         if state.method != self.method:
             raise StateError(f"state belongs to method {state.method!r}, not {self.method!r}")
         session = SessionState.decode(state.payload)
@@ -145,7 +145,7 @@ class ParticleTracker:
         for i in range(len(events)):
             moved = self._advance(track, grid, events, i, rng)
             yield self._fix(track, level_id, float(events.t[i])), moved
-        yield self._fix(track, level_id, float(segment.samples.t[-1])), None
+        yield self._fix(track, level_id, settled_until(segment.samples.t)), None
         session.count += 1
 
     def _grid(self, map_source: MapSource, level_id: str) -> FilterGrid:
