@@ -26,10 +26,10 @@ $(STAMP): requirements.lock pyproject.toml clients/python/pyproject.toml
 	fi
 	@touch $(STAMP)
 
-demo: install  ## a real building: survey, map, five walks, table and plots (KEEP=1 leaves the service running)
+demo: install  ## a real building: survey, map, unseen walks, table and plots (KEEP=1 leaves the service running)
 	$(BIN)/isodyn demo $(if $(KEEP),--keep)
 
-serve: install  ## start the service on 127.0.0.1:8000 with ./data as its data folder
+serve: install  ## start the service on 127.0.0.1:8080 with ./data as its data folder
 	$(BIN)/isodyn serve
 
 test: install  ## all tests, then once more the kernels' without compilation
