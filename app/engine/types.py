@@ -324,6 +324,9 @@ class MapBuildSettings:
     mapped_m: float = 1.5
     extent: tuple[float, float, float, float] | None = None
     """``(x_min, y_min, x_max, y_max)``; None: the samples' bounding box and a margin."""
+    align: bool = True
+    """Estimate each walk's hard iron and carrying angle against the other walks. Not for a survey by calibrated devices
+    along lines that hardly cross: there what differs between walks is the field."""
 
 
 @dataclass(frozen=True, slots=True)

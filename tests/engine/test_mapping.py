@@ -133,6 +133,25 @@ def test_a_phone_that_points_one_way_on_every_line(field: Field) -> None:
     assert error([replace(walk, device_heading=None) for walk in lines]) > 10.0
 
 
+def test_parallel_lines_keep_what_differs_between_them() -> None:
+    """A field that changes across the lines and not along them: aligning the lines takes most of it for hard iron."""
+    wave = Field(np.array([[0.0, 0.5]]), np.zeros(1), np.array([[0.0, 0.0, 12.0]]))
+    rng = np.random.default_rng(8)
+    lines = [
+        survey_of(walk_through(np.array([[0.0, y], [25.0, y]]), wave, rng), f"line-{y}", every_s=60.0)
+        for y in np.arange(0.0, 12.0, 1.0)
+    ]
+
+    def swing(align: bool) -> float:
+        build = build_map("sim", lines, MapBuildSettings(align=align))
+        assert align or not np.any([report.offset for report in build.walks])
+        return float(build.grid_map.mean[2][:, build.grid_map.shape[1] // 2].std())
+
+    expected = float(12.0 * np.cos(0.5 * np.arange(0.0, 11.5, 0.5)).std())
+    assert swing(align=False) == pytest.approx(expected, rel=0.25)
+    assert swing(align=True) < 0.6 * expected
+
+
 def test_sway_about_the_device_heading_is_kept(survey: tuple[SurveyWalk, ...]) -> None:
     placed = place_samples(replace(survey[0], device_heading=1.0))
     plain = place_samples(survey[0])

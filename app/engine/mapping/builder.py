@@ -9,7 +9,7 @@ from scipy.spatial import cKDTree
 
 from app.engine.errors import InputError, MapError
 from app.engine.mapping.kriging import FieldLevel, FieldSamples, krige_grid
-from app.engine.mapping.offsets import WalkOffsets, estimate_offsets
+from app.engine.mapping.offsets import WalkOffsets, estimate_offsets, no_offsets
 from app.engine.mapping.plan import FloorPlan, obstacle_depth
 from app.engine.mapping.samples import PlacedSamples, place_samples
 from app.engine.mapping.variogram import field_level, fit_covariance
@@ -40,8 +40,8 @@ def build_map(
 ) -> MapBuild:
     """Build a map with mean and standard deviation per node.
 
-    Walks are placed between their waypoints by steps; hard iron and carrying angle of each walk are estimated
-    jointly with the field; the field is kriged in blocks with a covariance fitted to this level.
+    Walks are placed between their waypoints by steps; hard iron and carrying angle of each walk are (unless
+    ``settings.align`` is off) estimated jointly with the field; the field is kriged in blocks with a covariance fitted to this level.
 
     Parameters
     ----------
@@ -65,7 +65,7 @@ def build_map(
         reasons = "; ".join(f"{r.walk_id}: {r.rejected}" for r in reports[:3])
         raise MapError(f"no walk could be placed ({reasons or 'none given'})")
     say(0.3, "aligning walks")
-    offsets = estimate_offsets(placed)
+    offsets = estimate_offsets(placed) if settings.align else no_offsets(len(placed))
     samples = _field_samples(placed, offsets, settings.features)
     say(0.35, "fitting covariance")
     covariance = fit_covariance(samples)

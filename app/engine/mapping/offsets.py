@@ -37,6 +37,11 @@ class WalkOffsets:
         return rotate_horizontal(walk.mag - self.hard_iron[index], walk.heading + self.carry[index])
 
 
+def no_offsets(n_walks: int) -> WalkOffsets:
+    """Offsets of walks that need none."""
+    return WalkOffsets(np.zeros((n_walks, 3)), np.zeros(n_walks))
+
+
 def rotate_horizontal(v_l: Float64Array, heading: Float64Array) -> Float64Array:
     """Forward, left, up to x, y, z of the level frame; ``heading`` (n,) rad of the forward axis."""
     c, s = np.cos(heading), np.sin(heading)
