@@ -41,7 +41,8 @@ def build_map(
     """Build a map with mean and standard deviation per node.
 
     Walks are placed between their waypoints by steps; hard iron and carrying angle of each walk are (unless
-    ``settings.align`` is off) estimated jointly with the field; the field is kriged in blocks with a covariance fitted to this level.
+    ``settings.align`` is off) estimated jointly with the field; the field is kriged in blocks with a covariance fitted
+    to this level.
 
     Parameters
     ----------
