@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from app.engine.inertial import advance, detect_steps, find_steps, level_samples
+from app.engine.errors import InputError
+from app.engine.inertial import advance, common_time_base, detect_steps, find_steps, level_samples
 from app.engine.inertial.legs import heading_offset, positions_by_steps, step_count
 from app.engine.inertial.steps import Steps
 from app.engine.inertial.stride import weinberg
@@ -143,3 +144,30 @@ def test_heading_offset_finds_the_level_frame(walk: SimulatedWalk) -> None:
 @given(swing=st.floats(0, 200))
 def test_stride_is_human(swing: float) -> None:
     assert 0.3 <= weinberg(np.array([swing]))[0] <= 1.1
+
+
+class TestCommonTimeBase:
+    T = np.arange(0.0, 2.0, 0.02)
+
+    def test_streams_meet_on_the_magnetometers_times(self) -> None:
+        acc_t, gyro_t = np.arange(0.1, 2.0, 0.005), np.arange(-0.3, 1.7, 0.011)
+        line = np.stack([np.sin(acc_t), acc_t, 1 + 0 * acc_t], axis=1)
+        rates = np.stack([gyro_t] * 3, axis=1)
+        mag = np.random.default_rng(0).standard_normal((len(self.T), 3))
+        merged = common_time_base(self.T, mag, acc_t, line, gyro_t, rates)
+        assert merged.t[0] >= 0.1
+        assert merged.t[-1] <= 1.7
+        np.testing.assert_array_equal(merged.mag, mag[np.isin(self.T, merged.t)])
+        np.testing.assert_allclose(merged.acc[:, 1], merged.t)
+        np.testing.assert_allclose(merged.acc[:, 0], np.sin(merged.t), atol=1e-4)
+        np.testing.assert_allclose(merged.gyro[:, 2], merged.t)
+
+    @pytest.mark.parametrize(
+        ("acc_t", "field"),
+        [(T[::-1], "acc.t"), (T[:1], "acc.t"), (np.append(T, 9.0), "acc.t"), (T + 100.0, "mag.t")],
+    )
+    def test_what_cannot_be_merged_is_named(self, acc_t: np.ndarray, field: str) -> None:
+        zeros = np.zeros((len(self.T), 3))
+        with pytest.raises(InputError) as error:
+            common_time_base(self.T, zeros, acc_t, np.zeros((len(acc_t), 3)), self.T, zeros)
+        assert error.value.field == field

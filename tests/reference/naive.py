@@ -153,3 +153,13 @@ def steps(t, vertical, smooth_s, peak_s, swing_s, min_swing, min_interval_s, set
         if smooth[i] >= smooth[around].max() and smooth[i] - smooth[before].min() >= min_swing:
             found.append(t[i])
     return np.array(found)
+
+
+def pauta_means(values, lo, hi):
+    """Means of windows without what lies beyond three standard deviations of the window."""
+    means = []
+    for a, b in zip(lo, hi, strict=True):
+        window = values[a:b]
+        far = np.abs(window - window.mean(axis=0)) > 3.0 * window.std(axis=0) + 1e-12
+        means.append(np.nanmean(np.where(far, np.nan, window), axis=0))
+    return np.array(means)

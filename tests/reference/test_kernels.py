@@ -8,9 +8,11 @@ from filterpy.monte_carlo import systematic_resample
 from scipy.spatial.transform import Rotation
 
 from app.engine.inertial import steps as step_module
+from app.engine.inertial import window_means
 from app.engine.kernels import particle
 from app.engine.kernels.attitude import level
 from app.engine.kernels.kriging import krige_blocks
+from app.engine.kernels.windows import pauta_means
 from app.engine.mapping.kriging import Covariance
 from tests.reference import naive
 
@@ -209,3 +211,26 @@ class TestSteps:
     def test_rest_has_no_steps(self, rng: np.random.Generator) -> None:
         t = np.arange(0, 10, 0.02)
         assert len(step_module.find_steps(t, 9.81 + 0.1 * rng.standard_normal(t.shape))) == 0
+
+
+class TestWindows:
+    def test_pauta_means_agree(self, rng: np.random.Generator) -> None:
+        values = rng.standard_normal((200, 3))
+        values[rng.integers(0, 200, 12), rng.integers(0, 3, 12)] += 60.0
+        lo = rng.integers(0, 180, 50)
+        hi = lo + rng.integers(1, 20, 50)
+        out = np.empty((50, 3))
+        pauta_means(values, lo, hi, out)
+        np.testing.assert_allclose(out, naive.pauta_means(values, lo, hi))
+
+    @pytest.mark.parametrize("n", [1, 2, 3])
+    def test_constant_and_tiny_windows(self, n: int) -> None:
+        out = np.empty((1, 1))
+        pauta_means(np.full((n, 1), 7.0), np.array([0]), np.array([n]), out)
+        assert out[0, 0] == 7.0
+
+    def test_a_spike_does_not_move_the_mean(self) -> None:
+        t = np.arange(0, 1, 0.02)
+        values = np.full((50, 1), 30.0)
+        values[25] = 500.0
+        assert window_means(t, values, np.array([0.3]), np.array([0.7]))[0, 0] == pytest.approx(30.0)

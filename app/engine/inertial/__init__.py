@@ -1,6 +1,7 @@
 """Motion from inertial samples: tilt, heading, steps, stride, dead reckoning."""
 
 from app.engine.inertial.attitude import Attitude, LevelledSamples, initial_attitude, level_samples
+from app.engine.inertial.conditioning import common_time_base, window_means
 from app.engine.inertial.pedestrian import PedestrianState, StepEvents, advance
 from app.engine.inertial.steps import Steps, detect_steps, find_steps, settled_until
 
@@ -11,9 +12,11 @@ __all__ = [
     "StepEvents",
     "Steps",
     "advance",
+    "common_time_base",
     "detect_steps",
     "find_steps",
     "initial_attitude",
     "level_samples",
     "settled_until",
+    "window_means",
 ]

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from app.engine.inertial.attitude import Attitude, LevelledSamples, level_samples
+from app.engine.inertial.conditioning import window_means
 from app.engine.inertial.steps import MEMORY_S, SETTLE_S, find_steps
 from app.engine.types import Float64Array, ImuSamples
 
@@ -66,9 +67,9 @@ def advance(state: PedestrianState | None, samples: ImuSamples) -> tuple[Pedestr
     events = StepEvents(
         t=steps.t,
         swing=steps.swing,
-        motion_heading=_means(levelled, levelled.heading[:, None], begin, steps.t)[:, 0],
+        motion_heading=window_means(levelled.t, levelled.heading[:, None], begin, steps.t)[:, 0],
         heading=np.interp(steps.t, levelled.t, levelled.heading),
-        mag=_means(levelled, levelled.mag, steps.t - FIELD_WINDOW_S, steps.t + FIELD_WINDOW_S),
+        mag=window_means(levelled.t, levelled.mag, steps.t - FIELD_WINDOW_S, steps.t + FIELD_WINDOW_S),
     )
     if len(steps):
         last = float(steps.t[-1])
@@ -84,12 +85,3 @@ def _join(a: LevelledSamples, b: LevelledSamples) -> LevelledSamples:
         np.concatenate([a.heading, b.heading]),
         np.concatenate([a.vertical, b.vertical]),
     )
-
-
-def _means(levelled: LevelledSamples, values: Float64Array, begin: Float64Array, end: Float64Array) -> Float64Array:
-    """Mean of ``values`` (n, c) over each ``begin .. end``."""
-    total = np.concatenate([np.zeros((1, values.shape[1])), np.cumsum(values, axis=0)])
-    lo = np.minimum(np.searchsorted(levelled.t, begin - 1e-9), len(levelled) - 1)
-    hi = np.maximum(np.searchsorted(levelled.t, end + 1e-9, side="right"), lo + 1)
-    means: Float64Array = (total[hi] - total[lo]) / (hi - lo)[:, None]
-    return means

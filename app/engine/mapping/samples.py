@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from app.engine.errors import InputError
-from app.engine.inertial import find_steps, level_samples
+from app.engine.inertial import find_steps, level_samples, window_means
 from app.engine.inertial.legs import heading_offset, positions_by_steps
 from app.engine.types import Float64Array, SurveyWalk
 
@@ -71,22 +71,10 @@ def place_samples(walk: SurveyWalk) -> PlacedSamples:
     else:
         placed = levelled.heading + _offset_to(walk.device_heading, np.interp(t, levelled.t, levelled.heading))
     heading = np.interp(t, levelled.t, placed)
-    mag = window_means(levelled.t, levelled.mag, t, WINDOW_S)
+    mag = window_means(levelled.t, levelled.mag, t - WINDOW_S, t + WINDOW_S)
     return PlacedSamples(walk.walk_id, t, np.stack([x, y], axis=1), heading, mag)
 
 
 def _offset_to(device_heading: float, free: Float64Array) -> float:
     """Angle that brings free-azimuth headings to a mean of ``device_heading``, rad."""
     return device_heading - float(np.angle(np.mean(np.exp(1j * free))))
-
-
-def window_means(t: Float64Array, values: Float64Array, at: Float64Array, half: float) -> Float64Array:
-    """Mean of ``values`` (n, c) over ``at - half .. at + half``; the nearest sample where none lies inside."""
-    total = np.concatenate([np.zeros((1, values.shape[1])), np.cumsum(values, axis=0)])
-    lo = np.searchsorted(t, at - half)
-    hi = np.searchsorted(t, at + half, side="right")
-    empty = hi <= lo
-    lo = np.where(empty, np.clip(np.searchsorted(t, at), 0, len(t) - 1), lo)
-    hi = np.where(empty, lo + 1, hi)
-    means: Float64Array = (total[hi] - total[lo]) / (hi - lo)[:, None]
-    return means
