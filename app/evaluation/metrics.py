@@ -62,14 +62,20 @@ class StepScores:
 
 
 def score_steps(
-    truth: WalkTruth, fixes: Sequence[Fix], *, start_t: float, level_id: str, prior: Prior | None = None
+    truth: WalkTruth,
+    fixes: Sequence[Fix],
+    *,
+    start_t: float,
+    level_id: str,
+    prior: Prior | None = None,
+    grace_s: float = GRACE_S,
 ) -> StepScores:
-    """Score the fixes of one walk at each step later than ``start_t + GRACE_S``.
+    """Score the fixes of one walk at each step later than ``start_t + grace_s``.
 
     Before the first fix the prior's position, if there is one, stands for it: saying nothing is not a way to a
     better score. A fix that is not a number is no fix.
     """
-    rows = np.flatnonzero(truth.t >= start_t + GRACE_S)
+    rows = np.flatnonzero(truth.t >= start_t + grace_s)
     t = truth.t[rows]
     ordered = sorted((fix for fix in fixes if math.isfinite(fix.x + fix.y)), key=lambda fix: fix.t)
     newest = np.searchsorted([fix.t for fix in ordered], t + SAME_TIME_S, side="right") - 1

@@ -89,7 +89,8 @@ def map_key(task: PrepareTask) -> str:
     """SHA-256 of all that a map depends on: level, settings, walks and the engine's source."""
     digest = hashlib.sha256(engine_hash().encode())
     settings = asdict(task.settings) | {
-        "level": task.name, "walks": [walk.walk_id for walk in task.walks], "plan": task.vector_plan
+        "level": task.name, "walks": [(walk.walk_id, walk.device_heading) for walk in task.walks],
+        "plan": task.vector_plan,
     }  # fmt: skip
     digest.update(json.dumps(settings, sort_keys=True).encode())
     for walk in task.walks:

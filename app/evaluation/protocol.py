@@ -5,6 +5,7 @@
 | ``tracking`` | the first waypoint, displaced by up to 3 m; heading unknown |
 | ``cold`` | the level |
 | ``venue`` | the building: the map source holds all its evaluated levels, the prior names none |
+| ``pose`` | the first waypoint and the direction of the first leg (data sets whose published results had both) |
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from pathlib import Path
 import numpy as np
 
 from app.engine.types import Float64Array, ImuSamples, MapBuildSettings, Prior, RadioScans, Segment
-from app.evaluation.datasets.ilc20 import RecordedWalk
+from app.evaluation.datasets.walks import RecordedWalk
 from app.evaluation.errors import OptionsError
 
 SEGMENT_S = 5.0
@@ -28,6 +29,9 @@ PRIOR_RADIUS_M = 3.0
 ANY_LEVEL = ""
 """``Prior.level_id`` when only the building is known."""
 LABEL_LEAD_S = 0.5
+POSE_RADIUS_M = 0.5
+POSE_HEADING_SD = 0.1
+"""rad"""
 
 
 class Scenario(StrEnum):
@@ -36,6 +40,7 @@ class Scenario(StrEnum):
     TRACKING = "tracking"
     COLD = "cold"
     VENUE = "venue"
+    POSE = "pose"
 
 
 class Aids(StrEnum):
@@ -139,6 +144,8 @@ def make_prior(walk: RecordedWalk, level_id: str, scenario: Scenario, seed: int)
         return Prior(ANY_LEVEL)
     if scenario is Scenario.COLD:
         return Prior(level_id)
+    if scenario is Scenario.POSE:
+        return _pose(walk, level_id)
     rng = np.random.default_rng(seed)
     distance = PRIOR_RADIUS_M * math.sqrt(rng.uniform())  # uniform over the disc's area
     bearing = rng.uniform(0.0, 2.0 * math.pi)
@@ -147,6 +154,18 @@ def make_prior(walk: RecordedWalk, level_id: str, scenario: Scenario, seed: int)
         x=float(walk.waypoints.x[0]) + distance * math.cos(bearing),
         y=float(walk.waypoints.y[0]) + distance * math.sin(bearing),
         radius_m=PRIOR_RADIUS_M,
+    )
+
+
+def _pose(walk: RecordedWalk, level_id: str) -> Prior:
+    x, y = walk.waypoints.x, walk.waypoints.y
+    return Prior(
+        level_id,
+        x=float(x[0]),
+        y=float(y[0]),
+        radius_m=POSE_RADIUS_M,
+        heading=math.atan2(float(y[1] - y[0]), float(x[1] - x[0])),
+        heading_sd=POSE_HEADING_SD,
     )
 
 

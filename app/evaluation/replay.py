@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from app.engine.errors import EngineError
 from app.engine.inertial import detect_steps
 from app.engine.types import Fix, GridMap, Tracker
-from app.evaluation.datasets.ilc20 import RecordedWalk
+from app.evaluation.datasets.walks import RecordedWalk
 from app.evaluation.drivers import Driver, EngineDriver, GridMaps, Smoother
 from app.evaluation.metrics import interpolate_fixes, score_steps
 from app.evaluation.protocol import Aids, Scenario, Trip, make_trip
@@ -77,7 +77,7 @@ def _replay_walk(
     baseline: Driver | None,
     smooth: Smooth | None,
 ) -> WalkResult | Dropped:
-    truth = truth_at_steps(detect_steps(walk.samples), walk.waypoints)
+    truth = truth_at_steps(detect_steps(walk.samples), walk.waypoints, even_pace=walk.even_pace)
     if len(truth) < MIN_STEPS:
         return Dropped(job.level, walk.walk_id, f"{len(truth)} steps, fewer than {MIN_STEPS}")
     trip = make_trip(walk, job.level_id, job.scenario, aids=job.aids, repeat=job.repeat)
@@ -106,7 +106,7 @@ def _replay_walk(
         segment_s=replay.segment_s,
         failures=replay.failures,
     )
-    if baseline and job.scenario is Scenario.TRACKING:  # it has nothing to start from in the others
+    if baseline and result.prior.x is not None:  # else it has nothing to start from
         result = replace(result, baseline=scored(baseline.replay(trip).fixes))
     return _with_smoothed(result, trip, smooth, scored) if smooth else result
 

@@ -9,10 +9,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import Executor, ProcessPoolExecutor, ThreadPoolExecutor, as_completed
-from contextlib import contextmanager
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from multiprocessing import get_context
 from typing import TypeVar
 
 from app.engine.errors import InputError
@@ -21,6 +19,7 @@ from app.engine.types import GridMap, Progress, SurveyWalk
 from app.evaluation.datasets.ilc20 import Ilc20Level, RecordedWalk, open_ilc20
 from app.evaluation.drivers import FieldRaster, HttpDriver, LevelUpload, Smoother, Transport, smooth_in_engine
 from app.evaluation.errors import OptionsError
+from app.evaluation.pool import map_tasks, process_pool
 from app.evaluation.prepare import PreparedLevel, PrepareTask, prepare_level
 from app.evaluation.protocol import Aids, EvaluationOptions, Scenario, Through
 from app.evaluation.replay import (
@@ -40,7 +39,6 @@ WALKS_A_JOB = 4
 WALKS_TO_ASK_FOR_WIFI = 3
 
 T = TypeVar("T")
-R = TypeVar("R")
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,11 +140,11 @@ def _through_engine(levels: Sequence[Ilc20Level], options: EvaluationOptions, en
         )
         for level in levels
     ]
-    with _pool(options.jobs, engine.warm_up) as pool:
-        prepared = _map(pool, engine.prepare, tasks, lambda done, n: say(0.3 * done / n, f"map {done} of {n}"))
+    with process_pool(options.jobs, engine.warm_up) as pool:
+        prepared = map_tasks(pool, engine.prepare, tasks, lambda done, n: say(0.3 * done / n, f"map {done} of {n}"))
         maps = {level.name: level.grid_map for level in prepared if level.grid_map}
         work = _engine_jobs(levels, prepared, maps, options, engine)
-        results = _map(
+        results = map_tasks(
             pool, replay_in_engine, work, lambda done, n: say(0.3 + 0.55 * done / n, _walks_done(done, work))
         )
     used = None
@@ -206,7 +204,7 @@ def _through_http(
         for walk in _test_walks(level, options)
     ]
     with ThreadPoolExecutor(options.jobs) as pool:
-        results = _map(
+        results = map_tasks(
             pool,
             lambda job: replay_walks(job, driver, baseline),
             jobs,
@@ -288,36 +286,6 @@ def _chunks(items: tuple[T, ...], size: int) -> Iterator[tuple[T, ...]]:
 def _walks_done(done: int, work: Sequence[EngineJob]) -> str:
     total = sum(len(one.job.walks) for one in work)
     return f"walk {round(total * done / len(work))} of {total}"
-
-
-@contextmanager
-def _pool(jobs: int, warm_up: Callable[[], None]) -> Iterator[Executor | None]:
-    """A process pool, or None for one job. Tasks not begun are dropped when the run ends early."""
-    if jobs == 1:
-        yield None
-        return
-    pool = ProcessPoolExecutor(jobs, mp_context=get_context("spawn"), initializer=warm_up)
-    try:
-        yield pool
-    finally:
-        pool.shutdown(cancel_futures=True)
-
-
-def _map(
-    pool: Executor | None, function: Callable[[T], R], tasks: Sequence[T], done: Callable[[int, int], None]
-) -> list[R]:
-    """Results in the order of the tasks; ``done(finished, all)`` after each."""
-    if pool is None:
-        results = []
-        for number, task in enumerate(tasks, start=1):
-            results.append(function(task))
-            done(number, len(tasks))
-        return results
-    futures = [pool.submit(function, task) for task in tasks]
-    for number, future in enumerate(as_completed(futures), start=1):
-        future.result()  # the first failure ends the run
-        done(number, len(tasks))
-    return [future.result() for future in futures]
 
 
 def _part(say: Progress, start: float, end: float, name: str) -> Progress:

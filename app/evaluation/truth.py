@@ -43,7 +43,7 @@ class WalkTruth:
         return np.concatenate(([0.0], np.cumsum(legs))) if len(self) else legs
 
 
-def truth_at_steps(step_t: Float64Array, waypoints: Waypoints) -> WalkTruth:
+def truth_at_steps(step_t: Float64Array, waypoints: Waypoints, *, even_pace: bool = False) -> WalkTruth:
     """Truth at the steps between the first and the last waypoint.
 
     Parameters
@@ -51,10 +51,12 @@ def truth_at_steps(step_t: Float64Array, waypoints: Waypoints) -> WalkTruth:
     step_t : array, shape (n,), s
         Steps of the whole recording, ascending.
     waypoints : Waypoints
+    even_pace : bool
+        Linear in time instead of steps.
     """
     inside = (step_t >= waypoints.t[0]) & (step_t <= waypoints.t[-1])
     t = step_t[inside]
-    x, y = interpolate(t, step_t, waypoints)
+    x, y = interpolate(t, np.empty(0) if even_pace else step_t, waypoints)
     return WalkTruth(t, x, y)
 
 
