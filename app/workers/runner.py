@@ -102,6 +102,9 @@ class Lane(Generic[Spec, Result]):
         self._metrics = metrics
         self._inbox: SimpleQueue[_Step | None] = SimpleQueue()
         self._again: deque[_Step] = deque()
+        self._waiting = 0
+        self._look = False
+        self._unsure = True
         self._in_flight: dict[str, Future[Result] | None] = {}
         self._cancelled: set[str] = set()
         self._stopping = threading.Event()
@@ -149,14 +152,28 @@ class Lane(Generic[Spec, Result]):
             now = time.monotonic()
             due = [step for step in self._again if step.not_before <= now]
             self._again = deque(step for step in self._again if step.not_before > now)
+        wakes = events.count(None)
+        self._waiting += wakes
+        self._look = self._look or wakes > 0 or not events
         return [*due, *(event for event in events if event is not None)]
 
     def _fill(self) -> None:
-        """Claim as many jobs as the executor should have."""
+        """Claim as many jobs as the executor should have, if there can be any.
+
+        A claim is a transaction, so none is made in vain after every job: ``_waiting`` counts the jobs announced and
+        not yet claimed (sessions that have one running hold theirs back). Jobs from before the start were not
+        announced, and cancelled ones are counted still, until the queue is found empty.
+        """
         free = self._work.capacity - len(self._in_flight)
-        if free <= 0 or self._stopping.is_set():
+        wanted = self._look or self._unsure or self._waiting > 0
+        if free <= 0 or not wanted or self._stopping.is_set():
             return
-        for job in self._processing.claim(free, self._work.kind):
+        claimed = self._processing.claim(free, self._work.kind)
+        self._look = False
+        self._waiting -= len(claimed)
+        if not claimed and not self._in_flight:
+            self._waiting, self._unsure = 0, False
+        for job in claimed:
             self._in_flight[job.id] = None
             self._take(_Step(job, lambda job=job: self._launch(job)))  # type: ignore[misc]
         self._metrics.jobs_running.labels(self._work.kind).set(len(self._in_flight))
@@ -233,6 +250,8 @@ class Lane(Generic[Spec, Result]):
         self._land(job)
         if job.state in _TOLD_HERE:
             self._listener.job_finished(job)
+        elif job.state is JobState.QUEUED:
+            self._waiting += 1
 
     def _land(self, job: Job) -> None:
         self._in_flight.pop(job.id, None)

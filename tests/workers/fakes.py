@@ -19,6 +19,7 @@ class FakeProcessing:
         self.jobs: dict[str, Job] = {}
         self.completed: list[tuple[str, object]] = []
         self.reports: list[tuple[str, float, str]] = []
+        self.claims = 0
         self.break_next: dict[str, int] = {}
 
     def add(self, *jobs: Job) -> None:
@@ -30,6 +31,7 @@ class FakeProcessing:
             return self.jobs[job_id].state
 
     def claim(self, limit: int, kind: JobKind | None = None) -> Sequence[Job]:
+        self.claims += 1
         self._maybe_break("claim")
         with self.lock:
             busy = {job.order_key for job in self.jobs.values() if job.state is JobState.RUNNING}

@@ -34,7 +34,8 @@ class Bench:
 
     def offer(self, *jobs: Job) -> None:
         self.queue.add(*jobs)
-        self.lane.wake()
+        for _ in jobs:
+            self.lane.wake()
 
     def value(self, sample: str) -> float:
         labels = {"kind": "locate_segment"} if "runner" not in sample else {}
@@ -60,6 +61,7 @@ def make_lane(
 @pytest.fixture
 def bench(monkeypatch: pytest.MonkeyPatch) -> Iterator[Bench]:
     monkeypatch.setattr(module, "PROGRESS_EVERY_S", 0.0)
+    monkeypatch.setattr(module, "POLL_S", 1000.0)
     queue, ear, metrics, executor = FakeProcessing(), Ear(), Metrics(), HandExecutor()
     lane = make_lane(queue, executor, ear, metrics)
     lane.start()
@@ -281,16 +283,49 @@ def test_a_runner_that_never_started_stops_at_once() -> None:
     assert runner.stop(0)
 
 
-@settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(sessions=st.lists(st.sampled_from("abcd"), max_size=24), capacity=st.integers(1, 5))
-def test_every_job_is_done_once_and_in_the_order_of_its_session(sessions: list[str], capacity: int) -> None:
+def test_jobs_held_back_by_their_session_are_not_forgotten(bench: Bench) -> None:
+    bench.lane.wake()
+    eventually(lambda: bench.queue.claims >= 2)  # it has seen an empty queue
+    bench.offer(*(queued(f"job_{i}", "ses_1") for i in range(3)))
+    for i in range(3):
+        eventually(lambda i=i: len(bench.executor.submitted) == i + 1)  # type: ignore[misc]
+        bench.executor.submitted[-1].future.set_result(i)
+    eventually(lambda: len(bench.ear.finished) == 3)
+
+
+def test_the_queue_is_not_asked_in_vain_after_every_job(bench: Bench) -> None:
+    """One session whose client waits for every answer: one claim a segment (and one that finds the queue empty)."""
+    for i in range(20):
+        bench.offer(queued(f"job_{i:02}", "ses_1"))
+        eventually(lambda i=i: len(bench.executor.submitted) == i + 1)  # type: ignore[misc]
+        bench.executor.submitted[-1].future.set_result(i)
+        eventually(lambda i=i: len(bench.ear.finished) == i + 1)  # type: ignore[misc]
+    assert bench.queue.claims <= 20 + 3
+
+
+@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    sessions=st.lists(st.sampled_from("abcd"), max_size=24),
+    before=st.integers(0, 24),
+    capacity=st.integers(1, 5),
+)
+def test_every_job_is_done_once_and_in_the_order_of_its_session(
+    sessions: list[str], before: int, capacity: int
+) -> None:
+    """Some jobs are there before the start, the others are announced while it runs; no poll helps."""
     queue, ear, pool = FakeProcessing(), Ear(), ThreadExecutor(3)
-    queue.add(*(queued(f"job_{i:03}", session) for i, session in enumerate(sessions)))
+    jobs = [queued(f"job_{i:03}", session) for i, session in enumerate(sessions)]
+    queue.add(*jobs[:before])
     lane = make_lane(queue, pool, ear, Metrics(), capacity=capacity)
-    lane.start()
-    eventually(lambda: len(ear.finished) == len(sessions))
-    lane.stop()
-    assert lane.join(10)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(module, "POLL_S", 1000.0)
+        lane.start()
+        for job in jobs[before:]:
+            queue.add(job)
+            lane.wake()
+        eventually(lambda: len(ear.finished) == len(sessions))
+        lane.stop()
+        assert lane.join(10)
     pool.close()
     done = [job_id for job_id, _ in queue.completed]
     assert sorted(done) == [f"job_{i:03}" for i in range(len(sessions))]
