@@ -244,6 +244,18 @@ class Prior:
 
 
 @dataclass(frozen=True, slots=True)
+class Hypothesis:
+    """One of several places that fit: position (m, level frame), covariance (m^2), and its share of the belief."""
+
+    x: float
+    y: float
+    cov_xx: float
+    cov_xy: float
+    cov_yy: float
+    weight: float
+
+
+@dataclass(frozen=True, slots=True)
 class Fix:
     """One position.
 
@@ -264,6 +276,9 @@ class Fix:
     sure : bool
     walk_on_m : float or None
         With ``insufficient``: about how many more metres are needed.
+    hypotheses : tuple of Hypothesis
+        While several places fit, the heaviest of them, heaviest first; given with the last fix of a segment. ``x`` and
+        ``y`` are then the first one's, and the covariance is that of *all* places about it.
     """
 
     t: float
@@ -278,6 +293,7 @@ class Fix:
     quality: float
     sure: bool
     walk_on_m: float | None = None
+    hypotheses: tuple[Hypothesis, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

@@ -60,6 +60,10 @@ class StepScores:
     def __len__(self) -> int:
         return int(self.t.shape[0])
 
+    def since(self, row: int) -> StepScores:
+        """The steps from ``row`` on."""
+        return StepScores(*(getattr(self, name)[row:] for name in self.__dataclass_fields__))
+
 
 def score_steps(
     truth: WalkTruth,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -112,6 +112,23 @@ def plot_errors(report: Report, path: Path) -> Path:
     axes.grid(color="#dddddd", lw=0.6)
     if axes.lines:
         axes.legend(loc="lower right", fontsize=8)
+    return _save(figure, path)
+
+
+def plot_shares(curves: Mapping[str, Sequence[float]], path: Path, *, x_label: str, y_label: str, title: str) -> Path:
+    """Draw the distribution of some errors (m), one curve each; what lies off the right edge shows as a lower end."""
+    figure, axes = _figure(0.55)
+    for name, errors in curves.items():
+        ordered = np.sort(np.asarray(errors, dtype=np.float64))
+        share = np.arange(1, len(ordered) + 1) / len(ordered)
+        published = name.startswith("published")
+        axes.plot(
+            ordered[np.isfinite(ordered)], 100 * share[np.isfinite(ordered)],
+            ls="--" if published else "-", lw=1.2 if published else 2.0, label=f"{name} ({len(ordered)} runs)",
+        )  # fmt: skip
+    axes.set(xlim=(0, _CDF_TO_M), ylim=(0, 100), xlabel=x_label, ylabel=y_label, title=title)
+    axes.grid(color="#dddddd", lw=0.6)
+    axes.legend(loc="lower right", fontsize=8)
     return _save(figure, path)
 
 

@@ -205,10 +205,10 @@ class Report:
                     f"{walk.level} {walk.walk_id}",
                     f"{walk.length_m:.0f} m",
                     str(len(walk.causal.fixes)),
-                    *(_cell(value) for value in (own.p50, own.p90, base.p50, base.p90)),
-                    _percent(own.ellipse95),
-                    _percent(walk.covered_share),
-                    _cell(own.ms_per_segment),
+                    *(length_cell(value) for value in (own.p50, own.p90, base.p50, base.p90)),
+                    percent_cell(own.ellipse95),
+                    percent_cell(walk.covered_share),
+                    length_cell(own.ms_per_segment),
                 )
             )
         return "\n".join(layout(rows, left=1))
@@ -239,11 +239,11 @@ class Report:
             level or "overall",
             "covered" if covered else "all",
             str(own.n_walks),
-            *(_cell(value) for value in lengths),
-            *(_percent(value) for value in (own.end_within_5m, own.ellipse95, own.sure_share, own.sure_within_5m)),
-            _cell(own.ms_per_segment),
-            _cell(base.p50),
-            _cell(base.p90),
+            *(length_cell(value) for value in lengths),
+            *(percent_cell(value) for value in (own.end_within_5m, own.ellipse95, own.sure_share, own.sure_within_5m)),
+            length_cell(own.ms_per_segment),
+            length_cell(base.p50),
+            length_cell(base.p90),
         )
 
 
@@ -281,9 +281,11 @@ def _number(value: float | None) -> float | None:
     return None if value is None else round(value, 3)
 
 
-def _cell(value: float | None) -> str:
+def length_cell(value: float | None) -> str:
+    """A length or time in a table."""
     return "-" if value is None else f"{value:.2f}"
 
 
-def _percent(value: float | None) -> str:
+def percent_cell(value: float | None) -> str:
+    """A share in a table."""
     return "-" if value is None else f"{100 * value:.0f} %"

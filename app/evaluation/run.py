@@ -92,7 +92,7 @@ def run_ilc20(
     data = open_ilc20(options.data)
     levels = [data.level(name) for name in options.levels or data.levels()]
     options = replace(options, method=options.method or engine.default_method)
-    _check_method(engine, options)
+    check_method(engine, options.method, options.parameters)
     if options.through is Through.HTTP and transport is not None:
         run = _through_http(levels, options, engine, transport, say)
     else:
@@ -121,9 +121,10 @@ class _Run:
     notes: tuple[str, ...] = ()
 
 
-def _check_method(engine: Engine, options: EvaluationOptions) -> None:
+def check_method(engine: Engine, method: str, parameters: Mapping[str, object]) -> None:
+    """Raise :class:`OptionsError` for a method or parameters that the engine does not know."""
     try:
-        engine.create_tracker(options.method, options.parameters)
+        engine.create_tracker(method, parameters)
     except InputError as error:
         raise OptionsError(error.field, error.message) from error
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Sequence
+from dataclasses import astuple
 from datetime import datetime
 
 from app.engine.mapping import FloorPlan
@@ -142,7 +143,7 @@ def _segment_of(job: Job) -> tuple[str, int]:
 
 def _is_finite(fix: Fix) -> bool:
     values = (fix.t, fix.x, fix.y, fix.cov_xx, fix.cov_xy, fix.cov_yy, fix.heading, fix.quality, fix.walk_on_m or 0.0)
-    return all(map(math.isfinite, values))
+    return all(map(math.isfinite, (*values, *(value for h in fix.hypotheses for value in astuple(h)))))
 
 
 def _map_info(

@@ -325,6 +325,7 @@ fixes = Table(
     _double("quality"),
     Column("sure", Boolean, nullable=False),
     _double("walk_on_m", nullable=True),
+    Column("hypotheses", JSON, nullable=True),
     sqlite_with_rowid=False,
 )
 

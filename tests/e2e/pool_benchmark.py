@@ -58,11 +58,14 @@ class Bench:
         session_id = self.open(walk)
         return [self.send(session_id, body, wait=True) for body in segments(walk)]
 
-    def cpu_s(self) -> float:
-        """Processor time of the service and all its processes so far."""
+    def cpu_ms(self) -> np.ndarray:
+        """Processor time so far: of the service process, and of its worker processes."""
         assert self.service.process is not None
-        family = [psutil.Process(self.service.process.pid), *self.service.family()]
-        return sum(process.cpu_times().user + process.cpu_times().system for process in family)
+
+        def used(processes: list[psutil.Process]) -> float:
+            return 1e3 * sum(process.cpu_times().user + process.cpu_times().system for process in processes)
+
+        return np.array([used([psutil.Process(self.service.process.pid)]), used(self.service.family())])
 
 
 def samples_body(samples: ImuSamples) -> dict[str, Any]:
@@ -118,40 +121,44 @@ def say(text: str) -> None:
     sys.stdout.flush()
 
 
-def show(name: str, seconds: Sequence[float], **more: float) -> None:
+def show(name: str, seconds: Sequence[float], rest: str = "") -> None:
     p50, p95, p99 = 1e3 * np.percentile(seconds, [50, 95, 99])
-    rest = "  ".join(f"{key} {value:.1f}" for key, value in more.items())
     say(f"  {name:<14} n {len(seconds):4d}   p50 {p50:6.1f} ms   p95 {p95:6.1f} ms   p99 {p99:6.1f} ms   {rest}")
 
 
 def measure(bench: Bench, rounds: int) -> None:
     for walk in bench.walks[:2]:
         bench.replay(walk)
-    before, started = bench.cpu_s(), time.perf_counter()
+    before = bench.cpu_ms()
     alone = [elapsed for _ in range(rounds) for walk in bench.walks for elapsed in bench.replay(walk)]
-    show("alone", alone, cpu_ms=1e3 * (bench.cpu_s() - before) / len(alone))
+    show("alone", alone, spent(bench, before, len(alone)))
 
-    before, started = bench.cpu_s(), time.perf_counter()
+    before, started = bench.cpu_ms(), time.perf_counter()
     with ThreadPoolExecutor(SIDE_BY_SIDE) as clients:
         side = [elapsed for times in clients.map(bench.replay, [*bench.walks] * rounds) for elapsed in times]
     rate = len(side) / (time.perf_counter() - started)
-    show("side by side", side, per_s=rate, cpu_ms=1e3 * (bench.cpu_s() - before) / len(side))
+    show("side by side", side, f"{rate:.0f} segments/s   {spent(bench, before, len(side))}")
     drain(bench, rounds)
     report_jobs(bench)
+
+
+def spent(bench: Bench, before: np.ndarray, n: int) -> str:
+    service, workers = (bench.cpu_ms() - before) / n
+    return f"cpu: service {service:.1f} ms, workers {workers:.1f} ms"
 
 
 def drain(bench: Bench, rounds: int) -> None:
     """Fill the queue, then see how fast it empties."""
     queued = [(bench.open(walk), list(segments(walk))) for walk in [*bench.walks] * rounds]
     n = sum(len(bodies) for _, bodies in queued)
-    before, started = bench.cpu_s(), time.perf_counter()
+    before, started = bench.cpu_ms(), time.perf_counter()
     with ThreadPoolExecutor(4) as clients:
         for _ in clients.map(lambda item: [bench.send(item[0], body, wait=False) for body in item[1]], queued):
             pass
     while bench.service.get("/v1/jobs", limit=1, state="queued")["items"]:
         time.sleep(0.01)
-    elapsed = time.perf_counter() - started
-    say(f"  from a queue   n {n:4d}   {n / elapsed:.0f} segments/s   cpu {1e3 * (bench.cpu_s() - before) / n:.1f} ms")
+    rate = n / (time.perf_counter() - started)
+    say(f"  {'from a queue':<14} n {n:4d}   {rate:.0f} segments/s   {spent(bench, before, n)}")
 
 
 def report_jobs(bench: Bench) -> None:

@@ -248,6 +248,13 @@ class TestParticleTracker:
         fixes = track(create_tracker("particle"), walk, field_map, Prior("sim"))
         assert {fix.status for fix in fixes} <= {Status.INSUFFICIENT, Status.AMBIGUOUS}
         assert not any(fix.sure for fix in fixes)
+        told = [fix for fix in fixes if fix.hypotheses]
+        assert len(told) == len(cut(walk.samples, seconds=5.0))
+        for fix in told:
+            weights = [h.weight for h in fix.hypotheses]
+            assert weights == sorted(weights, reverse=True)
+            assert 0.0 < sum(weights) <= 1.0 + 1e-6
+            assert (fix.x, fix.y) == (fix.hypotheses[0].x, fix.hypotheses[0].y)
 
     def test_walls_hold(self, field: Field) -> None:
         """With a wall beside the corridor, particles stay inside it."""

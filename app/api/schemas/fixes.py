@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import asdict
 from typing import Annotated, Any
 
 from pydantic import Field
 
 from app.api.schemas.base import Out, example
-from app.engine.types import Fix, Status
+from app.engine.types import Fix, Hypothesis, Status
 
 CHI2_95 = 5.991464547107979
 """95 % quantile of chi-square with two degrees of freedom."""
@@ -30,6 +31,7 @@ POSITION_EXAMPLE: dict[str, Any] = {
     "level_id": "lvl_019ab2c4d1e07f3a9b2c4d5e6f",
     "ellipse95": _ELLIPSE,
 }
+POSITION_EXAMPLE["hypotheses"] = []
 FIXES_EXAMPLE: dict[str, Any] = {name: [value] for name, value in POSITION_EXAMPLE.items() if name != "ellipse95"}
 
 
@@ -39,6 +41,20 @@ class EllipseOut(Out):
     semi_major_m: float
     semi_minor_m: float
     angle_deg: Annotated[float, Field(description="Of the major axis, counter-clockwise from +x, 0 to 180.")]
+
+
+class HypothesisOut(Out):
+    """One of several places that fit."""
+
+    x: Annotated[float, Field(description="m, level frame.")]
+    y: Annotated[float, Field(description="m, level frame.")]
+    cov_xx: Annotated[float, Field(description="m^2.")]
+    cov_xy: float
+    cov_yy: float
+    weight: Annotated[float, Field(description="Its share of the belief, 0 to 1.")]
+
+
+_HYPOTHESES = "While several places fit: the heaviest of them, heaviest first, with the last fix of a segment."
 
 
 class PositionOut(Out):
@@ -58,6 +74,7 @@ class PositionOut(Out):
     sure: Annotated[bool, Field(description="Whether the fix may be acted on.")]
     walk_on_m: Annotated[float | None, Field(description="With `insufficient`: about how many more metres to walk.")]
     level_id: str
+    hypotheses: Annotated[list[HypothesisOut], Field(description=_HYPOTHESES)]
     ellipse95: EllipseOut
 
 
@@ -78,6 +95,7 @@ class FixesOut(Out):
     sure: list[bool]
     walk_on_m: list[float | None]
     level_id: list[str]
+    hypotheses: Annotated[list[list[HypothesisOut]], Field(description=_HYPOTHESES)]
 
 
 def t_ms(fix: Fix) -> float:
@@ -118,7 +136,13 @@ def fix_columns(fixes: Sequence[Fix]) -> dict[str, list[Any]]:
         "sure": [fix.sure for fix in fixes],
         "walk_on_m": [fix.walk_on_m for fix in fixes],
         "level_id": [fix.level_id for fix in fixes],
+        "hypotheses": [[_hypothesis(h) for h in fix.hypotheses] for fix in fixes],
     }
+
+
+def _hypothesis(h: Hypothesis) -> dict[str, float]:
+    digits = {"x": 3, "y": 3, "weight": 4}
+    return {name: round(value, digits.get(name, 6)) for name, value in asdict(h).items()}
 
 
 def position_object(fix: Fix) -> dict[str, Any]:

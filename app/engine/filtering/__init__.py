@@ -1,5 +1,6 @@
 """Recursive estimators."""
 
+from app.engine.filtering.modes import Mode, find_modes
 from app.engine.filtering.particle import (
     Advance,
     Cloud,
@@ -10,4 +11,24 @@ from app.engine.filtering.particle import (
     prepare_grid,
 )
 
-__all__ = ["Advance", "Cloud", "Estimate", "FilterGrid", "ParticleNoise", "advance_cloud", "prepare_grid"]
+__all__ = [
+    "Advance",
+    "Cloud",
+    "Estimate",
+    "FilterGrid",
+    "Mode",
+    "ParticleNoise",
+    "advance_cloud",
+    "find_modes",
+    "prepare_grid",
+]
+    "Advance",
+    "Cloud",
+    "Estimate",
+    "FilterGrid",
+    "Mode",
+    "ParticleNoise",
+    "advance_cloud",
+    "find_modes",
+    "prepare_grid",
+]

@@ -247,6 +247,8 @@ def advance_cloud(
         Channels as the kernel wants them for the grid's features.
 
     """
+    # one memory layout, one compiled kernel: with others compiled too, rounding would depend on what a process did before
+    z = np.ascontiguousarray(z, np.float64)
     parameters = np.array(
         [
             1.0 / grid.cell_m, noise.heading, noise.stride, noise.scale_walk, noise.carry_walk, noise.position,

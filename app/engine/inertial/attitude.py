@@ -79,9 +79,12 @@ def level_samples(samples: ImuSamples, attitude: Attitude | None = None) -> tupl
     q = np.array(start.q)
     last = np.array([start.t, start.heading])
     out = np.empty((len(samples), 5))
-    level(samples.t, samples.mag, samples.acc, samples.gyro, q, last, TILT_GAIN, out)
+    t, mag, acc, gyro = (
+        np.ascontiguousarray(a, np.float64) for a in (samples.t, samples.mag, samples.acc, samples.gyro)
+    )
+    level(t, mag, acc, gyro, q, last, TILT_GAIN, out)
     end = Attitude(float(last[0]), (float(q[0]), float(q[1]), float(q[2]), float(q[3])), float(last[1]))
-    return LevelledSamples(samples.t, out[:, :3], out[:, 3], out[:, 4]), end
+    return LevelledSamples(t, *map(np.ascontiguousarray, (out[:, :3], out[:, 3], out[:, 4]))), end
 
 
 def _quaternion(c_lb: Float64Array) -> tuple[float, float, float, float]:

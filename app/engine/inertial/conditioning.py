@@ -65,7 +65,7 @@ def window_means(t: Float64Array, values: Float64Array, begin: Float64Array, end
     lo = np.minimum(np.searchsorted(t, begin - 1e-9), t.shape[0] - 1)
     hi = np.maximum(np.searchsorted(t, end + 1e-9, side="right"), lo + 1)
     out = np.empty((begin.shape[0], values.shape[1]))
-    pauta_means(values, lo, hi, out)
+    pauta_means(np.ascontiguousarray(values), lo, hi, out)
     return out
 
 

@@ -3,19 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from app.engine.errors import StateError
-from app.engine.filtering import Advance, Cloud, Estimate, FilterGrid, ParticleNoise, advance_cloud, prepare_grid
+from app.engine.filtering import (
+    Advance,
+    Cloud,
+    Estimate,
+    FilterGrid,
+    ParticleNoise,
+    advance_cloud,
+    find_modes,
+    prepare_grid,
+)
 from app.engine.inertial import PedestrianState, StepEvents, advance, settled_until
 from app.engine.inertial.stride import weinberg
 from app.engine.localization import codec
 from app.engine.localization.initial import InitialSpread, initial_cloud
 from app.engine.localization.integrity import Integrity, IntegrityPolicy, calibrate, judge
-from app.engine.types import FeatureSet, Fix, Float64Array, MapSource, Prior, Segment, TrackerState
+from app.engine.types import FeatureSet, Fix, Float64Array, Hypothesis, MapSource, Prior, Segment, TrackerState
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,7 +154,7 @@ class ParticleTracker:
         for i in range(len(events)):
             moved = self._advance(track, grid, events, i, rng)
             yield self._fix(track, level_id, float(events.t[i])), moved
-        yield self._fix(track, level_id, settled_until(segment.samples.t)), None
+        yield self._last_fix(track, level_id, settled_until(segment.samples.t)), None
         session.count += 1
 
     def _grid(self, map_source: MapSource, level_id: str) -> FilterGrid:
@@ -181,6 +190,19 @@ class ParticleTracker:
         if track.cloud.n > self.parameters.particles and track.integrity.settled:
             track.cloud = track.cloud.thin(self.parameters.particles, float(rng.random()))
         return moved
+
+    def _last_fix(self, track: Track, level_id: str, t: float) -> Fix:
+        """The fix that ends a segment: with an unknown start, the heaviest of the places that fit, and the others."""
+        fix = self._fix(track, level_id, t)
+        if not track.integrity.cold:
+            return fix
+        modes = find_modes(track.cloud)
+        first, e = modes[0], track.estimate
+        dx, dy = e.x - first.x, e.y - first.y
+        about = replace(e, cov_xx=e.cov_xx + dx * dx, cov_xy=e.cov_xy + dx * dy, cov_yy=e.cov_yy + dy * dy)
+        cov_xx, cov_xy, cov_yy = calibrate(about, self.policy)
+        places = tuple(Hypothesis(m.x, m.y, m.cov_xx, m.cov_xy, m.cov_yy, m.weight) for m in modes)
+        return replace(fix, x=first.x, y=first.y, cov_xx=cov_xx, cov_xy=cov_xy, cov_yy=cov_yy, hypotheses=places)
 
     def _fix(self, track: Track, level_id: str, t: float) -> Fix:
         verdict = judge(track.estimate, track.integrity, self.policy)

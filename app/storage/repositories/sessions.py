@@ -6,13 +6,13 @@ The statements that each segment needs are built once: composing them costs more
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, astuple
 from datetime import datetime
 from typing import Any
 
 from sqlalchemy import BindParameter, Row, bindparam, func, insert, select, update
 
-from app.engine.types import Fix, Prior, Segment, Status, TrackerState
+from app.engine.types import Fix, Hypothesis, Prior, Segment, Status, TrackerState
 from app.services.errors import SequenceGapError
 from app.services.records import JobState, NewSegment, Page, Position, SegmentInfo, Session, SessionStatus
 from app.storage.columns import decode_samples, decode_scans, encode_samples, encode_scans
@@ -247,6 +247,7 @@ def _columns(session_id: str, number: int, seq: int, fix: Fix) -> dict[str, Any]
         "quality": fix.quality,
         "sure": fix.sure,
         "walk_on_m": fix.walk_on_m,
+        "hypotheses": [astuple(h) for h in fix.hypotheses] or None,
     }
 
 
@@ -264,5 +265,6 @@ def _position(row: Row[Any]) -> Position:
         quality=row.quality,
         sure=row.sure,
         walk_on_m=row.walk_on_m,
+        hypotheses=tuple(Hypothesis(*values) for values in row.hypotheses or ()),
     )
     return Position(row.session_id, row.number, row.seq, fix)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BeforeValidator
 
-from isodyn_client.models import Ellipse, Model, Status
+from isodyn_client.models import Ellipse, Hypothesis, Model, Status
 
 Float64Array = NDArray[np.float64]
 
@@ -38,6 +38,7 @@ class FixColumns(Model):
     sure: tuple[bool, ...]
     walk_on_m: tuple[Annotated[float, BeforeValidator(_nan)], ...]
     level_id: tuple[str, ...]
+    hypotheses: tuple[tuple[Hypothesis, ...], ...] = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -59,6 +60,8 @@ class Fixes:
     walk_on_m : array, m
         About how many more metres are needed (``insufficient``); NaN otherwise.
     level_id : tuple of str
+    hypotheses : tuple of tuples of Hypothesis
+        While several places fit: the heaviest of them, with the last fix of a segment; else empty.
     """
 
     t_ms: Float64Array
@@ -73,6 +76,7 @@ class Fixes:
     sure: NDArray[np.bool_]
     walk_on_m: Float64Array
     level_id: tuple[str, ...]
+    hypotheses: tuple[tuple[Hypothesis, ...], ...]
 
     def __len__(self) -> int:
         return len(self.t_ms)
@@ -85,6 +89,7 @@ class Fixes:
             status=columns.status,
             sure=np.array(columns.sure, dtype=np.bool_),
             level_id=columns.level_id,
+            hypotheses=columns.hypotheses or ((),) * len(columns.t_ms),
         )
 
     @classmethod
@@ -95,6 +100,7 @@ class Fixes:
             status=tuple(status for part in parts for status in part.status),
             sure=np.concatenate([np.zeros(0, dtype=np.bool_), *(part.sure for part in parts)]),
             level_id=tuple(level for part in parts for level in part.level_id),
+            hypotheses=tuple(places for part in parts for places in part.hypotheses),
         )
 
     @property

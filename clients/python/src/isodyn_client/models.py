@@ -236,6 +236,17 @@ class Ellipse(Model):
     angle_deg: float
 
 
+class Hypothesis(Model):
+    """One of several places that fit: position (m, level frame), covariance (m^2), share of the belief."""
+
+    x: float
+    y: float
+    cov_xx: float
+    cov_xy: float
+    cov_yy: float
+    weight: float
+
+
 class Position(Model):
     """One fix as an object, with its 95 % ellipse."""
 
@@ -251,6 +262,7 @@ class Position(Model):
     quality: float
     sure: bool
     walk_on_m: float | None = None
+    hypotheses: tuple[Hypothesis, ...] = ()
     ellipse95: Ellipse
 
 
