@@ -22,13 +22,3 @@ __all__ = [
     "find_modes",
     "prepare_grid",
 ]
-    "Advance",
-    "Cloud",
-    "Estimate",
-    "FilterGrid",
-    "Mode",
-    "ParticleNoise",
-    "advance_cloud",
-    "find_modes",
-    "prepare_grid",
-]
