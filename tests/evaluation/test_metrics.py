@@ -112,6 +112,15 @@ def step_scores(error: list[float], *, sure: list[bool] | None = None, right: li
     )  # fmt: skip
 
 
+def test_the_grace_of_the_first_seconds() -> None:
+    fixes = [fix(float(t), float(t)) for t in range(11)]
+    assert scores(fixes).t.tolist() == [5, 6, 7, 8, 9, 10]
+    whole = score_steps(TRUTH, fixes, start_t=-np.inf, level_id=LEVEL, grace_s=0.0)
+    assert whole.t.tolist() == list(range(11))
+    later = whole.since(8)
+    assert (len(later), later.t.tolist(), later.travelled.tolist()) == (3, [8, 9, 10], [8, 9, 10])
+
+
 def test_summary_of_two_walks() -> None:
     """Errors 0..10 pooled over both walks; they end at 4 m and at 10 m."""
     walks = [

@@ -67,6 +67,8 @@ def test_the_key_follows_everything_that_the_map_depends_on(monkeypatch: pytest.
         replace(TASK, walks=WALKS[::-1]),
         replace(TASK, walks=(moved, WALKS[1])),
         replace(TASK, walks=(relabelled, WALKS[1])),
+        replace(TASK, walks=(replace(WALKS[0], device_heading=0.0), WALKS[1])),
+        replace(TASK, settings=MapBuildSettings(align=False)),
         replace(TASK, vector_plan=PLAN),
     ]
     monkeypatch.setattr(prepare, "engine_hash", lambda: "this engine")

@@ -48,6 +48,16 @@ def test_tracking_displaces_the_first_label() -> None:
     assert {(t.prior.radius_m, t.prior.heading, t.prior.level_id) for t in trips} == {(3.0, None, "lvl")}
 
 
+def test_pose_tells_the_first_label_and_leg() -> None:
+    walk = straight_walk("abc")
+    turned = replace(walk, waypoints=replace(walk.waypoints, x=walk.waypoints.y, y=walk.waypoints.x))
+    for recorded, start, heading in ((walk, (0.0, 2.0), 0.0), (turned, (2.0, 0.0), math.pi / 2)):
+        prior = make_trip(recorded, "lvl", Scenario.POSE, repeat=3).prior
+        assert (prior.x, prior.y) == start
+        assert prior.heading == pytest.approx(heading)
+        assert 0.0 < prior.radius_m <= 1.0
+
+
 def test_the_same_walk_gives_the_same_trip() -> None:
     first, second = (make_trip(straight_walk("abc"), "lvl", Scenario.TRACKING) for _ in range(2))
     assert (first.prior, first.seed) == (second.prior, second.seed)
