@@ -47,7 +47,12 @@ class Database:
     def __init__(self, url: str, *, power_safe: bool = False, busy_timeout_s: float = 10.0) -> None:
         self._busy_timeout_s = busy_timeout_s
         self._write_lock = threading.Lock()
-        self.engine = create_engine(url, pool_size=_POOL_SIZE, max_overflow=_POOL_OVERFLOW)
+        self.engine = create_engine(
+            url,
+            pool_size=_POOL_SIZE,
+            max_overflow=_POOL_OVERFLOW,
+            hide_parameters=True,  # errors go to the log; positions must not
+        )
         self._is_sqlite = self.engine.dialect.name == "sqlite"
         if self._is_sqlite:
             _set_up_sqlite(self.engine, power_safe=power_safe, busy_timeout_s=busy_timeout_s)

@@ -271,6 +271,66 @@ class TestParticleTracker:
         assert max(abs(fix.y - 6.0) for fix in fixes) < 1.2
 
 
+class TestGaps:
+    """A phone sleeps between two segments while its owner walks on."""
+
+    @staticmethod
+    def after_gap(tracker: Tracker, walk: SimulatedWalk, grid_map: GridMap, gap_s: float) -> list[Fix]:
+        """Fixes after ``gap_s`` of the walk were not sent (as much of it as there is; the clock runs on)."""
+        pieces = cut(walk.samples, seconds=5.0)
+        skipped = min(int(gap_s // 5.0), 8)
+        late = gap_s - 5.0 * skipped
+        state = tracker.start(PRIOR, seed=1)
+        for samples in pieces[:4]:
+            state, _ = tracker.step(state, Segment(samples), OneMap(grid_map))
+        fixes: list[Fix] = []
+        for samples in pieces[4 + skipped : 10 + skipped]:
+            delayed = replace(samples, t=samples.t + late)
+            state, new = tracker.step(state, Segment(delayed), OneMap(grid_map))
+            fixes += [replace(fix, t=fix.t - late) for fix in new]
+        return fixes
+
+    def test_what_was_not_watched_is_not_claimed(
+        self, tracker: Tracker, walk: SimulatedWalk, field_map: GridMap
+    ) -> None:
+        spreads = []
+        for gap_s in (10.0, 30.0):
+            fixes = self.after_gap(tracker, walk, field_map, gap_s)
+            assert not any(fix.sure for fix in fixes)
+            inside = []
+            for fix in fixes:
+                d = walk.at(fix.t) - [fix.x, fix.y]
+                cov = np.array([[fix.cov_xx, fix.cov_xy], [fix.cov_xy, fix.cov_yy]])
+                inside.append(d @ np.linalg.solve(cov, d) <= CHI2_95)
+            assert np.mean(inside) > 0.85
+            spreads.append(fixes[0].cov_xx + fixes[0].cov_yy)
+        assert spreads[1] > 2.0 * spreads[0] > 20.0
+
+    def test_a_short_gap_is_bridged(self, walk: SimulatedWalk, field_map: GridMap) -> None:
+        fixes = self.after_gap(create_tracker("particle"), walk, field_map, 2.0)
+        assert np.median(errors(fixes, walk, 0.0)) < 2.5
+        assert fixes[-1].status is Status.OK
+
+    @pytest.mark.parametrize("gap_s", [600.0, 1e9])
+    def test_after_a_long_gap_the_session_starts_anew(
+        self, walk: SimulatedWalk, field_map: GridMap, gap_s: float
+    ) -> None:
+        fixes = self.after_gap(create_tracker("particle"), walk, field_map, gap_s)
+        assert fixes[0].status is Status.INSUFFICIENT
+        assert {fix.status for fix in fixes} <= {Status.INSUFFICIENT, Status.AMBIGUOUS}
+
+    def test_a_gap_does_not_turn_the_heading(self, walk: SimulatedWalk, field_map: GridMap) -> None:
+        """The gyroscope's last rate must not be integrated over the gap."""
+        s = walk.samples
+        first, second = cut(s, seconds=10.0)[:2]
+        spun = replace(second, t=second.t + 4.0, gyro=second.gyro.copy())
+        spun.gyro[0, 2] = 2.0
+        tracker = create_tracker("particle")
+        state, _ = tracker.step(tracker.start(PRIOR, seed=1), Segment(first), OneMap(field_map))
+        _, fixes = tracker.step(state, Segment(spun), OneMap(field_map))
+        assert fixes[-1].status is Status.OK
+
+
 def test_smoothing_beats_tracking(walk: SimulatedWalk, field_map: GridMap) -> None:
     """With samples of both sides in time, the early part of a track from a poor start becomes good."""
     segments = [Segment(samples) for samples in cut(walk.samples, seconds=5.0)]

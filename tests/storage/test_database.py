@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 from sqlalchemy import text
-from sqlalchemy.exc import IntegrityError
+from sqlalchemy.exc import IntegrityError, SQLAlchemyError
 
 from app.services.errors import NotFoundError, OverloadedError
 from app.services.records import Device
@@ -136,3 +136,13 @@ def test_what_was_committed_survives_kill_9(tmp_path: Path) -> None:
         for i in range(acknowledged + 1):
             assert uow.devices.get(f"dev_{i:09d}").name == "phone"
     database.close()
+
+
+def test_an_error_does_not_carry_the_rows_into_the_log(tmp_path: Path) -> None:
+    database = Database.at(tmp_path / "isodyn.db")
+    try:
+        with pytest.raises(SQLAlchemyError) as error, database.engine.connect() as connection:
+            connection.execute(text("INSERT INTO nowhere VALUES (:secret)"), {"secret": "12.345678"})
+        assert "12.345678" not in str(error.value)
+    finally:
+        database.close()

@@ -247,7 +247,7 @@ def advance_cloud(
         Channels as the kernel wants them for the grid's features.
 
     """
-    # one memory layout, one compiled kernel: with others compiled too, rounding would depend on what a process did before
+    # one memory layout, one compiled kernel: with others about, rounding would depend on what a process did before
     z = np.ascontiguousarray(z, np.float64)
     parameters = np.array(
         [

@@ -2,7 +2,7 @@
 
 from app.engine.inertial.attitude import Attitude, LevelledSamples, initial_attitude, level_samples
 from app.engine.inertial.conditioning import common_time_base, window_means
-from app.engine.inertial.pedestrian import PedestrianState, StepEvents, advance
+from app.engine.inertial.pedestrian import PedestrianState, StepEvents, advance, gap_before
 from app.engine.inertial.steps import Steps, detect_steps, find_steps, settled_until
 
 __all__ = [
@@ -15,6 +15,7 @@ __all__ = [
     "common_time_base",
     "detect_steps",
     "find_steps",
+    "gap_before",
     "initial_attitude",
     "level_samples",
     "settled_until",

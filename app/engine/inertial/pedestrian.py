@@ -14,6 +14,8 @@ from app.engine.types import Float64Array, ImuSamples
 FIELD_WINDOW_S = 0.16
 _PAUSE_S = 0.8
 _KEEP_S = MEMORY_S + SETTLE_S + _PAUSE_S
+MAX_GAP_S = 1.0
+"""A longer gap between segments is a time nobody watched: attitude starts anew, the tracker must allow for motion."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,10 +58,12 @@ def advance(state: PedestrianState | None, samples: ImuSamples) -> tuple[Pedestr
     """Steps that the new samples confirm.
 
     A step is confirmed ``SETTLE_S`` after its peak, so the last one of a segment comes with the next segment; how a
-    recording is cut does not change its steps.
+    recording is cut does not change its steps. After a gap over ``MAX_GAP_S`` the heading starts from zero again.
     """
+    if state is not None and gap_before(state, samples) > 0.0:
+        state = None
     levelled, attitude = level_samples(samples, state.attitude if state else None)
-    if state is not None and samples.t[0] - state.attitude.t < 1.0:
+    if state is not None:
         levelled = _join(state.tail, levelled)
     last = state.last_step_t if state else -np.inf
     steps = find_steps(levelled.t, levelled.vertical, after=last)
@@ -76,6 +80,12 @@ def advance(state: PedestrianState | None, samples: ImuSamples) -> tuple[Pedestr
     keep = levelled.t >= levelled.t[-1] - _KEEP_S
     tail = LevelledSamples(levelled.t[keep], levelled.mag[keep], levelled.heading[keep], levelled.vertical[keep])
     return PedestrianState(replace(attitude), last, tail), events
+
+
+def gap_before(state: PedestrianState, samples: ImuSamples) -> float:
+    """Seconds nobody watched before these samples; 0 when they follow within ``MAX_GAP_S``."""
+    gap = float(samples.t[0]) - state.attitude.t
+    return gap if gap > MAX_GAP_S else 0.0
 
 
 def _join(a: LevelledSamples, b: LevelledSamples) -> LevelledSamples:

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
 from app.engine.errors import StateError
-from app.engine.inertial import PedestrianState, StepEvents, advance, settled_until
+from app.engine.inertial import PedestrianState, StepEvents, advance, gap_before, settled_until
 from app.engine.inertial.stride import SPREAD, WEINBERG, weinberg
 from app.engine.localization import codec
+from app.engine.localization.initial import WALKING_M_S
 from app.engine.types import FeatureSet, Fix, Float64Array, GridMap, MapSource, Prior, Segment, Status, TrackerState
 
 _HEADING_SD = 0.25
@@ -40,6 +41,8 @@ class _Track:
     y: float
     heading: float
     walked_m: float = 0.0
+    unseen_m: float = 0.0
+    """Metres the walker may have gone while nobody watched."""
 
 
 class DeadReckoningTracker:
@@ -63,11 +66,12 @@ class DeadReckoningTracker:
         values = codec.unpack(state.payload)
         prior, before = Prior(**values["prior"]), values["track"]
         known = None if before is None else codec.pedestrian_state(before.pop("pedestrian"))
+        gap = 0.0 if known is None else gap_before(known, segment.samples)
         pedestrian, events = advance(known, segment.samples)
-        if before is None:
-            track = _begin(prior, pedestrian, events, map_source.grid_map(prior.level_id))
-        else:
-            track = _Track(pedestrian=pedestrian, **before)
+        track = _begin(prior, pedestrian, events, map_source.grid_map(prior.level_id))
+        if before is not None:
+            old = _Track(pedestrian=pedestrian, **before)
+            track = _resume(old, track, gap) if gap > 0.0 else old
         fixes = [self._walk(track, prior, events, i) for i in range(len(events))]
         last_t = float(segment.samples.t[-1])
         fixes.append(_fix(track, prior, settled_until(segment.samples.t)))
@@ -97,6 +101,11 @@ def _begin(prior: Prior, pedestrian: PedestrianState, events: StepEvents, grid_m
     return _Track(pedestrian, heading - free, prior.x or 0.0, prior.y or 0.0, heading)
 
 
+def _resume(old: _Track, fresh: _Track, gap_s: float) -> _Track:
+    """Old place, fresh heading, and the distance that may lie between."""
+    return replace(fresh, x=old.x, y=old.y, walked_m=old.walked_m, unseen_m=old.unseen_m + WALKING_M_S * gap_s)
+
+
 def _mean_field(grid_map: GridMap) -> Float64Array:
     mapped = grid_map.mapped
     nodes = grid_map.mean[:, mapped] if mapped.any() else grid_map.mean.reshape(len(grid_map.mean), -1)
@@ -110,7 +119,7 @@ def _fix(track: _Track, prior: Prior, t: float) -> Fix:
     start = prior.radius_m / 2.0 if known else _UNKNOWN_SD_M
     away = np.hypot(track.x - (prior.x or 0.0), track.y - (prior.y or 0.0))
     drift = np.hypot(_HEADING_SD, SPREAD) * away / np.sqrt(2.0) + 0.02 * track.walked_m
-    variance = float(start**2 + drift**2)
+    variance = float(start**2 + drift**2 + track.unseen_m**2 / 4.0)
     return Fix(
         t=t,
         level_id=prior.level_id,

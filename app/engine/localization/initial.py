@@ -59,6 +59,44 @@ def initial_cloud(
     return cloud
 
 
+WALKING_M_S = 1.4
+FORGET_S = 60.0
+"""After this long unwatched a walker may be anywhere: the session starts anew, with an unknown start."""
+
+
+def cloud_after_gap(
+    cloud: Cloud,
+    gap_s: float,
+    grid: FilterGrid,
+    field: Float64Array,
+    n: int,
+    spread: InitialSpread,
+    rng: np.random.Generator,
+) -> Cloud:
+    """Particles after a time nobody watched.
+
+    Each may have walked any way for the whole gap, or stood; the heading is read anew off the field. What was learned
+    of stride, carrying and hard iron stays.
+
+    Parameters
+    ----------
+    gap_s : float, s
+    field : array, shape (3,), uT
+        First field reading after the gap (forward, left, up).
+    n : int
+        Number of particles to go on with.
+    """
+    wide = cloud.thin(n, float(rng.random()))
+    reach = WALKING_M_S * gap_s * np.sqrt(rng.random(n))
+    angle = rng.uniform(-np.pi, np.pi, n)
+    x = wide.p[0] + reach * np.cos(angle)
+    y = wide.p[1] + reach * np.sin(angle)
+    heading = _headings(Prior(""), grid, field, x, y, spread, rng)
+    wide.p[0], wide.p[1] = x, y
+    wide.p[2], wide.p[3] = np.cos(heading), np.sin(heading)
+    return Cloud(wide.p, moved=False)
+
+
 def _positions(prior: Prior, grid: FilterGrid, n: int, rng: np.random.Generator) -> tuple[Float64Array, Float64Array]:
     if prior.x is not None and prior.y is not None:
         r = prior.radius_m * np.sqrt(rng.random(n))

@@ -21,6 +21,8 @@ class IntegrityPolicy:
     ----------
     covariance_scale, covariance_floor : float, -, m^2
         Applied to the particles' covariance so that the 95 % ellipse holds what it claims.
+    cold_scale : float
+        Further factor while the start is searched: a cloud narrows faster than it learns.
     settle_m : float
         A spread (major semi-axis, one sigma) below this counts as one place.
     insufficient_m : float
@@ -30,17 +32,21 @@ class IntegrityPolicy:
     off_map_share : float
         Below this share of particles on mapped ground (smoothed over ``memory_m``) the position rests on motion alone.
     memory_m : float
+    search_m : float
+        A place known only to this radius after a gap has to be searched: the session counts as one with unknown start.
     information_m : float
         Metres of walk that usually settle a start.
     """
 
     covariance_scale: float = 1.1
     covariance_floor: float = 0.5
+    cold_scale: float = 4.0
     settle_m: float = 5.0
     insufficient_m: float = 8.0
     sure_m: float = 2.2
     off_map_share: float = 0.35
     memory_m: float = 4.0
+    search_m: float = 8.0
     information_m: float = 30.0
 
 
@@ -65,6 +71,10 @@ class Integrity:
     mapped: float = 1.0
     settled: bool = False
 
+    def resumed(self, reach_m: float, policy: IntegrityPolicy) -> Integrity:
+        """After a gap in which the walker may have gone ``reach_m``; far enough, and the start is unknown again."""
+        return replace(self, walked_m=0.0, settled=False, cold=self.cold or reach_m > policy.search_m)
+
     def walked(self, stride: float, estimate: Estimate, policy: IntegrityPolicy) -> Integrity:
         """After one more step."""
         keep = float(np.exp(-stride / policy.memory_m))
@@ -76,9 +86,11 @@ class Integrity:
         )
 
 
-def calibrate(estimate: Estimate, policy: IntegrityPolicy) -> tuple[float, float, float]:
+def calibrate(estimate: Estimate, integrity: Integrity, policy: IntegrityPolicy) -> tuple[float, float, float]:
     """Covariance (xx, xy, yy) that a fix claims, m^2."""
     scale, floor = policy.covariance_scale, policy.covariance_floor
+    if integrity.cold:
+        scale *= policy.cold_scale
     return scale * estimate.cov_xx + floor, scale * estimate.cov_xy, scale * estimate.cov_yy + floor
 
 

@@ -19,10 +19,16 @@ from app.engine.filtering import (
     find_modes,
     prepare_grid,
 )
-from app.engine.inertial import PedestrianState, StepEvents, advance, settled_until
+from app.engine.inertial import PedestrianState, StepEvents, advance, gap_before, settled_until
 from app.engine.inertial.stride import weinberg
 from app.engine.localization import codec
-from app.engine.localization.initial import InitialSpread, initial_cloud
+from app.engine.localization.initial import (
+    FORGET_S,
+    WALKING_M_S,
+    InitialSpread,
+    cloud_after_gap,
+    initial_cloud,
+)
 from app.engine.localization.integrity import Integrity, IntegrityPolicy, calibrate, judge
 from app.engine.types import FeatureSet, Fix, Float64Array, Hypothesis, MapSource, Prior, Segment, TrackerState
 
@@ -145,10 +151,17 @@ class ParticleTracker:
         rng = np.random.default_rng([session.seed, session.count])
         grid = self._grid(map_source, session.prior.level_id)
         before = None if session.track is None else session.track.pedestrian
+        gap = 0.0 if before is None else gap_before(before, segment.samples)
         pedestrian, events = advance(before, segment.samples)
         if session.track is None:
-            session.track = self._begin(session.prior, grid, pedestrian, events, rng)
-        track = session.track
+            track = self._begin(session.prior, grid, pedestrian, events, rng)
+        elif gap > FORGET_S:
+            track = self._begin(Prior(session.prior.level_id), grid, pedestrian, events, rng)
+        elif gap > 0.0:
+            track = self._resume(session.track, gap, grid, pedestrian, events, rng)
+        else:
+            track = session.track
+        session.track = track
         track.pedestrian = pedestrian
         level_id = session.prior.level_id
         for i in range(len(events)):
@@ -165,12 +178,26 @@ class ParticleTracker:
     def _begin(
         self, prior: Prior, grid: FilterGrid, pedestrian: PedestrianState, events: StepEvents, rng: np.random.Generator
     ) -> Track:
-        walked = len(events) > 0
-        heading = float(events.heading[0] if walked else pedestrian.tail.heading[-1])
-        reading = events.mag[0] if walked else pedestrian.tail.mag[-10:].mean(axis=0)
+        heading, reading = first_reading(pedestrian, events)
         n = self.parameters.particles if prior.x is not None else self.parameters.cold_particles
         cloud = initial_cloud(prior, grid, reading, n, self.spread, rng)
         return Track(pedestrian, heading, cloud, estimate_equal(cloud, grid), Integrity(cold=prior.x is None))
+
+    def _resume(
+        self,
+        track: Track,
+        gap_s: float,
+        grid: FilterGrid,
+        pedestrian: PedestrianState,
+        events: StepEvents,
+        rng: np.random.Generator,
+    ) -> Track:
+        """Go on after a gap: the walker moved unseen, so the old place is only where the search begins."""
+        heading, reading = first_reading(pedestrian, events)
+        n = max(self.parameters.cold_particles, track.cloud.n)
+        cloud = cloud_after_gap(track.cloud, gap_s, grid, reading, n, self.spread, rng)
+        integrity = track.integrity.resumed(WALKING_M_S * gap_s, self.policy)
+        return Track(pedestrian, heading, cloud, estimate_equal(cloud, grid), integrity)
 
     def _advance(self, track: Track, grid: FilterGrid, events: StepEvents, i: int, rng: np.random.Generator) -> Advance:
         stride = float(weinberg(events.swing[i : i + 1])[0])
@@ -200,13 +227,13 @@ class ParticleTracker:
         first, e = modes[0], track.estimate
         dx, dy = e.x - first.x, e.y - first.y
         about = replace(e, cov_xx=e.cov_xx + dx * dx, cov_xy=e.cov_xy + dx * dy, cov_yy=e.cov_yy + dy * dy)
-        cov_xx, cov_xy, cov_yy = calibrate(about, self.policy)
+        cov_xx, cov_xy, cov_yy = calibrate(about, track.integrity, self.policy)
         places = tuple(Hypothesis(m.x, m.y, m.cov_xx, m.cov_xy, m.cov_yy, m.weight) for m in modes)
         return replace(fix, x=first.x, y=first.y, cov_xx=cov_xx, cov_xy=cov_xy, cov_yy=cov_yy, hypotheses=places)
 
     def _fix(self, track: Track, level_id: str, t: float) -> Fix:
         verdict = judge(track.estimate, track.integrity, self.policy)
-        cov_xx, cov_xy, cov_yy = calibrate(track.estimate, self.policy)
+        cov_xx, cov_xy, cov_yy = calibrate(track.estimate, track.integrity, self.policy)
         return Fix(
             t=t,
             level_id=level_id,
@@ -221,6 +248,13 @@ class ParticleTracker:
             sure=verdict.sure,
             walk_on_m=verdict.walk_on_m,
         )
+
+
+def first_reading(pedestrian: PedestrianState, events: StepEvents) -> tuple[float, Float64Array]:
+    """Heading (free azimuth, rad) and field (forward, left, up, uT) at the first step, or now if there is none."""
+    if len(events):
+        return float(events.heading[0]), events.mag[0]
+    return float(pedestrian.tail.heading[-1]), pedestrian.tail.mag[-10:].mean(axis=0)
 
 
 def channels(mag: Float64Array, features: FeatureSet) -> Float64Array:

@@ -79,7 +79,7 @@ def _trace_back(
             cov_xy=float(weights @ ((x - mx) * (y - my))),
             cov_yy=float(weights @ (y - my) ** 2),
         )
-        cov_xx, cov_xy, cov_yy = calibrate(estimate, tracker.policy)
+        cov_xx, cov_xy, cov_yy = calibrate(estimate, session.track.integrity, tracker.policy)
         verdict = judge(estimate, session.track.integrity, tracker.policy)
         fixes.append(
             replace(

@@ -246,7 +246,6 @@ def upgrade() -> None:
         sa.Column("quality", sa.Double(), nullable=False),
         sa.Column("sure", sa.Boolean(), nullable=False),
         sa.Column("walk_on_m", sa.Double(), nullable=True),
-        sa.Column("hypotheses", sa.JSON(), nullable=True),
         sa.ForeignKeyConstraint(["session_id"], ["sessions.id"], name=op.f("fk_fixes_session_id")),
         sa.PrimaryKeyConstraint("session_id", "number", name=op.f("pk_fixes")),
         sqlite_with_rowid=False,
