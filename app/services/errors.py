@@ -12,6 +12,7 @@
     ├── NoMapError            the level has no map yet (says how to get one)
     ├── ForbiddenError        the key lacks a scope
     └── OverloadedError       queue full: come back after ``retry_after_s``
+        └── StorageError          the database cannot be written or read now (full disk, lock, lost connection)
 """
 
 
@@ -91,4 +92,12 @@ class OverloadedError(ServiceError):
 
     def __init__(self, retry_after_s: float) -> None:
         super().__init__(f"too much work queued; retry after {retry_after_s:.0f} s")
+        self.retry_after_s = retry_after_s
+
+
+class StorageError(OverloadedError):
+    """The database does not answer now; nothing was stored."""
+
+    def __init__(self, retry_after_s: float = 5.0) -> None:
+        ServiceError.__init__(self, f"the database cannot be used now; retry after {retry_after_s:.0f} s")
         self.retry_after_s = retry_after_s

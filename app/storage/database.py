@@ -14,14 +14,16 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import structlog
 from sqlalchemy import Connection, Engine, create_engine, event, select
 from sqlalchemy.engine.interfaces import DBAPIConnection
 from sqlalchemy.exc import OperationalError, SQLAlchemyError
 
-from app.services.errors import OverloadedError
+from app.services.errors import OverloadedError, StorageError
 from app.storage.migrations import upgrade
 from app.storage.unit_of_work import SqlUnitOfWork
 
+_log = structlog.get_logger(__name__)
 _WRITE_OPTION = "isodyn_write"
 _POOL_SIZE = 16
 _POOL_OVERFLOW = 48  # the web server's thread pool and the runner may all be inside a transaction
@@ -89,10 +91,15 @@ class Database:
 
     @contextmanager
     def _transaction(self, *, write: bool) -> Iterator[Connection]:
-        with self._turn(write=write), self.engine.connect() as connection:
-            connection.execution_options(**{_WRITE_OPTION: write})
-            with _begin(connection):
-                yield connection
+        try:
+            with self._turn(write=write), self.engine.connect() as connection:
+                connection.execution_options(**{_WRITE_OPTION: write})
+                with _begin(connection):
+                    yield connection
+        except OperationalError as error:
+            # a full disk, a lost connection: passing trouble, which no caller can mend but by trying again
+            _log.warning("database trouble", error=str(error.orig))
+            raise StorageError from error
 
     @contextmanager
     def _turn(self, *, write: bool) -> Iterator[None]:

@@ -6,6 +6,7 @@ each in its own transaction. A map build, which takes seconds in every step, the
 
 from __future__ import annotations
 
+import contextlib
 import threading
 import time
 from collections import deque
@@ -19,7 +20,7 @@ import structlog
 
 from app.engine.errors import EngineError
 from app.engine.types import Progress
-from app.services.errors import NotFoundError
+from app.services.errors import NotFoundError, OverloadedError
 from app.services.ports import Executor, JobListener, WorkerLostError
 from app.services.records import Job, JobKind, JobState
 from app.telemetry import Metrics
@@ -32,6 +33,8 @@ POLL_S = 2.0
 PROGRESS_EVERY_S = 0.25
 MAX_TRIES = 3
 """How often a step that meets an unexpected error is tried before its job is failed."""
+MAX_PAUSE_S = 30.0
+"""Longest pause between two tries of a step that waits for the database."""
 INTERNAL_ERROR = "internal error; the log of the service says more"
 
 # Whoever cancels a job tells so itself.
@@ -83,6 +86,7 @@ class _Step:
     job: Job
     run: Callable[[], None]
     tries: int = 0
+    pauses: int = 0
     not_before: float = 0.0
 
 
@@ -137,7 +141,8 @@ class Lane(Generic[Spec, Result]):
 
     def _run(self) -> None:
         while not (self._stopping.is_set() and not self._in_flight):
-            self._guard(None, self._fill)
+            with contextlib.suppress(OverloadedError):  # the next look at the queue is another try
+                self._guard(None, self._fill)
             for step in self._next_steps():
                 self._take(step)
 
@@ -179,9 +184,19 @@ class Lane(Generic[Spec, Result]):
         self._metrics.jobs_running.labels(self._work.kind).set(len(self._in_flight))
 
     def _take(self, step: _Step) -> None:
-        """Do a step; one that meets an unexpected error is done again later, in the end the job is failed instead."""
+        """Do a step; one that meets an unexpected error is done again later, in the end the job is failed instead.
+
+        Trouble with the database is not the job's: such a step waits for it to pass, however long that takes.
+        """
+        try:
+            done = self._guard(step.job, step.run)
+        except OverloadedError:
+            step.pauses += 1
+            step.not_before = time.monotonic() + min(POLL_S * 2.0 ** min(step.pauses - 1, 10), MAX_PAUSE_S)
+            self._again.append(step)
+            return
         step.tries += 1
-        if self._guard(step.job, step.run):
+        if done:
             return
         if step.tries == MAX_TRIES:
             step.run = lambda: self._end(self._processing.fail(step.job, INTERNAL_ERROR))
@@ -195,6 +210,10 @@ class Lane(Generic[Spec, Result]):
     def _guard(self, job: Job | None, action: Callable[[], None]) -> bool:
         try:
             action()
+        except OverloadedError as error:
+            self._metrics.runner_errors.inc()
+            _log.warning("waiting", kind=self._work.kind, job=None if job is None else job.id, reason=str(error))
+            raise
         except Exception:  # noqa: BLE001 - the service's boundary: logged, counted, and the job is failed in the end
             self._metrics.runner_errors.inc()
             _log.exception("unexpected error", kind=self._work.kind, job=None if job is None else job.id)
@@ -280,7 +299,8 @@ class Lane(Generic[Spec, Result]):
     def _show(self, job: Job, fraction: float, text: str) -> None:
         # A report that cannot be stored is not worth a second try, let alone the job.
         if job.id in self._in_flight:
-            self._guard(job, lambda: self._processing.progress(job, fraction, text))
+            with contextlib.suppress(OverloadedError):
+                self._guard(job, lambda: self._processing.progress(job, fraction, text))
 
 
 class JobRunner:

@@ -6,12 +6,13 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
-from sqlalchemy import text
+from sqlalchemy import event, text
 from sqlalchemy.exc import IntegrityError, SQLAlchemyError
 
-from app.services.errors import NotFoundError, OverloadedError
+from app.services.errors import NotFoundError, OverloadedError, StorageError
 from app.services.records import Device
 from app.storage import Database
 from app.storage.repositories.base import ReadOnlyTransactionError
@@ -136,6 +137,29 @@ def test_what_was_committed_survives_kill_9(tmp_path: Path) -> None:
         for i in range(acknowledged + 1):
             assert uow.devices.get(f"dev_{i:09d}").name == "phone"
     database.close()
+
+
+def test_a_full_disk_is_said_as_such_and_nothing_is_stored(tmp_path: Path) -> None:
+    database = Database.at(tmp_path / "isodyn.db")
+    try:
+        database.migrate()
+        database.close()  # connections made from here on meet the limit
+
+        @event.listens_for(database.engine, "connect")
+        def limit(connection: Any, _record: Any) -> None:
+            connection.execute("PRAGMA max_page_count=1")  # SQLite takes the present size instead
+
+        def fill() -> None:
+            with database(write=True) as uow:
+                for i in range(2000):
+                    uow.devices.add(Device(f"dev_{i:026x}", "x" * 500, None, START))
+
+        with pytest.raises(StorageError):
+            fill()
+        with database() as uow:
+            assert uow.devices.list(cursor=None, limit=10).items == ()
+    finally:
+        database.close()
 
 
 def test_an_error_does_not_carry_the_rows_into_the_log(tmp_path: Path) -> None:

@@ -21,6 +21,7 @@ class FakeProcessing:
         self.reports: list[tuple[str, float, str]] = []
         self.claims = 0
         self.break_next: dict[str, int] = {}
+        self.trouble: Callable[[str], Exception] = lambda what: OSError(f"{what}: disk on fire")
 
     def add(self, *jobs: Job) -> None:
         with self.lock:
@@ -83,7 +84,7 @@ class FakeProcessing:
     def _maybe_break(self, what: str) -> None:
         if self.break_next.get(what, 0):
             self.break_next[what] -= 1
-            raise OSError(f"{what}: disk on fire")
+            raise self.trouble(what)
 
 
 @dataclass

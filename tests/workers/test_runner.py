@@ -9,7 +9,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from app.engine.errors import InputError
-from app.services.errors import NotFoundError
+from app.services.errors import NotFoundError, StorageError
 from app.services.ports import Executor, WorkerLostError
 from app.services.records import Job, JobKind, JobState
 from app.telemetry import Metrics
@@ -170,6 +170,19 @@ def test_a_step_that_always_meets_trouble_fails_its_job_and_nothing_else(
     eventually(lambda: "job_2" in bench.executor.specs())
     bench.executor.of("job_2").future.set_result("answer")
     eventually(lambda: bench.ear.finished[-1] == ("job_2", JobState.DONE))
+
+
+def test_trouble_with_the_database_is_waited_out(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A full disk is not the segment's fault: however long it lasts, the result is stored in the end."""
+    monkeypatch.setattr(module, "POLL_S", 0.001)
+    monkeypatch.setattr(module, "MAX_PAUSE_S", 0.01)
+    bench.queue.trouble = lambda _: StorageError()
+    bench.queue.break_next |= {"claim": 5, "prepare": 9, "complete": 20}
+    bench.offer(queued("job_1"))
+    eventually(lambda: bench.executor.submitted)
+    bench.executor.of("job_1").future.set_result("answer")
+    eventually(lambda: bench.ear.finished == [("job_1", JobState.DONE)])
+    assert bench.queue.completed == [("job_1", "answer")]
 
 
 def test_a_job_whose_end_cannot_be_stored_stays_running_and_frees_its_place(
