@@ -1,6 +1,6 @@
 """Reading bodies: bounded, inflated within bounds, decoded from JSON or msgpack.
 
-Nothing here looks at what a body means; :mod:`app.api.samples` does.
+Nothing here looks at what a body means; :mod:`app.api.uploads` does.
 """
 
 from __future__ import annotations
@@ -9,12 +9,12 @@ import json
 import zlib
 from typing import Any
 
-import msgpack
 import orjson
 from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
 
 from app.api.errors import BodyTooLargeError, MalformedBodyError, MediaTypeError
+from app.api.structure import OBJECT_BOUNDS, Bounds, check_json, decode_msgpack
 
 JSON = "application/json"
 MSGPACK = "application/msgpack"
@@ -24,6 +24,8 @@ UPLOAD_TYPES = (JSON, MSGPACK, MSGPACK_REGISTERED)
 
 INFLATE_RATIO = 4
 """A compressed body may inflate to this many times the largest body as sent."""
+SEGMENT_BYTES = 8 * 2**20
+"""Largest segment or one-shot request, inflated: 20,000 samples are about 4 MB of JSON."""
 _CHUNK = 256 * 1024
 
 
@@ -47,12 +49,14 @@ def require_media_type(request: Request, *accepted: str) -> str:
     raise MediaTypeError(f"Content-Type {given}; send one of: {', '.join(accepted)}", accept=", ".join(accepted))
 
 
-async def read_body(request: Request, limit: int) -> bytes:
-    """Read at most ``limit`` bytes as sent, inflated to at most ``INFLATE_RATIO`` times as many.
+async def read_body(request: Request, limit: int, *, inflated: int | None = None) -> bytes:
+    """Read at most ``limit`` bytes as sent, inflated to at most ``INFLATE_RATIO`` times as many (or ``inflated``).
 
     A body that announces more is refused before any of it is read; one that does not say its length, at the
     chunk that exceeds the limit.
     """
+    most = limit * INFLATE_RATIO if inflated is None else min(inflated, limit * INFLATE_RATIO)
+    limit = min(limit, most)
     encoding = request.headers.get("content-encoding", "identity").strip().lower()
     if encoding not in {"identity", "gzip"}:
         raise MediaTypeError(f"Content-Encoding {encoding!r} is not taken; send gzip or none", accept_encoding="gzip")
@@ -70,7 +74,7 @@ async def read_body(request: Request, limit: int) -> bytes:
     if encoding == "identity":
         return body
     # In a thread: the largest body takes a tenth of a second, in which the loop would answer nobody.
-    return await run_in_threadpool(inflate, body, limit * INFLATE_RATIO)
+    return await run_in_threadpool(inflate, body, most)
 
 
 def inflate(body: bytes, limit: int) -> bytes:
@@ -96,17 +100,20 @@ def inflate(body: bytes, limit: int) -> bytes:
     return b"".join(parts)
 
 
-def decode(body: bytes, kind: str) -> Any:
-    """Decode a body of media type ``kind`` (JSON or msgpack) to plain Python values."""
-    return _decode_msgpack(body) if kind in {MSGPACK, MSGPACK_REGISTERED} else decode_json(body)
+def decode(body: bytes, kind: str, bounds: Bounds) -> Any:
+    """Decode a body of media type ``kind`` (JSON or msgpack) to plain Python values, within bounds."""
+    if kind in {MSGPACK, MSGPACK_REGISTERED}:
+        return decode_msgpack(body, bounds)
+    return decode_json(body, bounds)
 
 
-def decode_json(body: bytes, *, non_finite: bool = True) -> Any:
-    """Decode JSON strictly; only NaN and infinities come through (``non_finite``), so that their field can be named.
+def decode_json(body: bytes, bounds: Bounds = OBJECT_BOUNDS, *, non_finite: bool = True) -> Any:
+    """Decode JSON strictly, within bounds; only NaN and infinities come through, to be named (``non_finite``).
 
     Those are what ``json.dumps`` of several languages writes for a missing reading: a position in the text would
     not help the caller, the field's name does.
     """
+    check_json(body, bounds)
     try:
         return orjson.loads(body)
     except orjson.JSONDecodeError as error:
@@ -130,11 +137,3 @@ def _with_non_finite(body: bytes, *, overflow: bool) -> Any:
     except (ValueError, RecursionError):
         return None
     return value if seen or overflow else None
-
-
-def _decode_msgpack(body: bytes) -> Any:
-    try:
-        return msgpack.unpackb(body, raw=False, strict_map_key=True)
-    except (ValueError, msgpack.UnpackException, RecursionError) as error:
-        detail = str(error) or type(error).__name__
-        raise MalformedBodyError(f"the body is not valid msgpack: {detail}") from error

@@ -36,6 +36,8 @@ from app.services.ports import WorkerLostError
 
 PROBLEM_JSON = "application/problem+json"
 TYPE_BASE = "https://isodyn.dev/problems/"
+MAX_ERRORS = 20
+"""An answer names so many fields, and how many more there are."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -209,16 +211,26 @@ class Problem:
             "type": self.type.uri,
             "title": self.type.title,
             "status": self.type.status,
-            "detail": self.detail,
+            "detail": _cut(self.detail, 1000),
             "instance": instance,
         }
         if self.errors:
-            body["errors"] = [
-                {"field": error.field, "message": error.message, "remedy": error.remedy} for error in self.errors
-            ]
+            body["errors"] = [_shown(error) for error in self.errors[:MAX_ERRORS]]
+            if len(self.errors) > MAX_ERRORS:
+                more = FieldError("body", f"and {len(self.errors) - MAX_ERRORS} more", "correct these first")
+                body["errors"].append(_shown(more))
         return Response(
             orjson.dumps(body), status_code=self.type.status, headers=dict(self.headers), media_type=PROBLEM_JSON
         )
+
+
+def _shown(error: FieldError) -> dict[str, str]:
+    return {"field": _cut(error.field, 200), "message": _cut(error.message, 300), "remedy": error.remedy}
+
+
+def _cut(text: str, length: int) -> str:
+    # Names of unknown fields are the caller's: an answer does not grow with them.
+    return text if len(text) <= length else text[: length - 3] + "..."
 
 
 def summary(errors: Sequence[FieldError]) -> str:

@@ -22,16 +22,20 @@ from app.api.plausibility import (
 )
 from app.api.schemas.base import In
 from app.api.schemas.samples import Frame, SamplesIn, SegmentIn, VectorIn, WalkIn, WifiIn
+from app.api.structure import SEGMENT_BOUNDS, Bounds
 from app.api.validation import field_errors
 from app.engine.types import Float64Array, ImuSamples, RadioScans, Waypoints
 from app.services.records import NewSegment, NewWalk
 
 Model = TypeVar("Model", bound=In)
 
+LARGE_BYTES = 512 * 1024
+"""Uploads above this are decoded a few at a time; a 5-s segment is 11 kB (msgpack) to 24 kB (JSON)."""
 
-def parse(body: bytes, kind: str, model: type[Model]) -> Model:
-    """Decode a body and check its envelope; RejectedError names every field that does not fit."""
-    value: Any = decode(body, kind)
+
+def parse(body: bytes, kind: str, model: type[Model], bounds: Bounds = SEGMENT_BOUNDS) -> Model:
+    """Decode a body within bounds and check its envelope; RejectedError names every field that does not fit."""
+    value: Any = decode(body, kind, bounds)
     try:
         return model.model_validate(value)
     except ValidationError as error:

@@ -14,8 +14,9 @@ import msgpack
 import pytest
 from starlette.types import Message
 
-from app.api.body import INFLATE_RATIO, decode, inflate
+from app.api.body import INFLATE_RATIO, SEGMENT_BYTES, decode, inflate
 from app.api.errors import BodyTooLargeError, MalformedBodyError
+from app.api.structure import SEGMENT_BOUNDS
 from app.services.records import Scope
 from tests.api.harness import Api, as_msgpack, packed, plain, segment_body
 
@@ -202,8 +203,8 @@ MALFORMED_JSON = [
     b'{"a": NaN',
     b"\xff\xfe",
     b'{"a": "\\ud800"}',
-    b"[" * 100_000,
-    b'{"a":' * 100_000,
+    b"[" * 250,
+    b'{"a":' * 250,
     b"\x00",
 ]
 
@@ -225,11 +226,12 @@ MALFORMED_MSGPACK = [
     b"",
     b"\xc1",
     b"\x81",
-    b"\xdf\xff\xff\xff\xff",
-    b"\xdd\xff\xff\xff\xff\x01",
+    b"\xdf\x00\x00\x00\xff",
+    b"\xdd\x00\x00\xff\xff\x01",
     b"\xc6\xff\xff\xff\xff",
-    b"\x91" * 100_000,
     b"\x81\x01\x02",
+    b"\x81\xa1a",
+    b"\x92\x01",
     b"\xa2\xff\xfe",
     msgpack.packb({"seq": 0}) + b"\x00",
 ]
@@ -250,11 +252,12 @@ def test_a_body_that_is_no_object(api: Api, value: object) -> None:
 
 
 def test_only_non_finite_numbers_come_through() -> None:
-    assert decode(b'{"a": [NaN, -Infinity, 1e999]}', "application/json")["a"][1:] == [float("-inf"), float("inf")]
-    assert decode(b'{"a": 1e999}', "application/json") == {"a": float("inf")}
+    lenient = decode(b'{"a": [NaN, -Infinity, 1e999]}', "application/json", SEGMENT_BOUNDS)
+    assert lenient["a"][1:] == [float("-inf"), float("inf")]
+    assert decode(b'{"a": 1e999}', "application/json", SEGMENT_BOUNDS) == {"a": float("inf")}
     for body in (b'{"a": nan}', b'{"a": 01}', b'{"a": NaN} x'):
         with pytest.raises(MalformedBodyError):
-            decode(body, "application/json")
+            decode(body, "application/json", SEGMENT_BOUNDS)
 
 
 def test_a_client_that_goes_away_is_no_failure_of_the_service(api: Api) -> None:
@@ -277,5 +280,14 @@ def test_chunks_are_put_together(api: Api) -> None:
     assert response.is_success
 
 
-def test_walks_may_inflate_beyond_the_limit_of_a_plain_body() -> None:
+def test_walks_may_inflate_further_than_segments(api: Api) -> None:
     assert INFLATE_RATIO > 1
+    body = gzip.compress(b" " * (SEGMENT_BYTES + 1))
+    headers = {"Content-Type": "application/json", "Content-Encoding": "gzip"}
+    survey_id = api.ok("POST", "/v1/surveys", json={"level_id": api.level().id, "name": "s"})["id"]
+    for path, status in (
+        ("/v1/sessions/ses_x/segments", 413),
+        ("/v1/locate", 413),
+        (f"/v1/surveys/{survey_id}/walks", 400),
+    ):
+        assert api.post(path, content=body, headers=headers).status_code == status, path

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated
 
+import anyio
 from fastapi import Query, Request, Response
 from starlette.concurrency import run_in_threadpool
 
@@ -20,6 +21,7 @@ from app.api.rendering import png_size
 from app.api.responses import NOT_MODIFIED, OBJECT, binary, guarded
 from app.api.routing import api_router
 from app.api.schemas.levels import PLAN_EXAMPLE, LevelIn, LevelOut, LevelPage
+from app.api.structure import PLAN_BOUNDS
 from app.api.validation import FieldError
 from app.services.records import Scope
 
@@ -125,7 +127,8 @@ async def set_vector_plan(level_id: str, request: Request, context: ContextDep) 
     """Store the vector plan: a GeoJSON FeatureCollection whose coordinates are level metres, not degrees."""
     require_media_type(request, JSON)
     body = await read_body(request, context.settings.max_body_bytes)
-    await run_in_threadpool(_check_plan, body)
+    # A plan in memory is many times its text: few at once.
+    await anyio.to_thread.run_sync(_check_plan, body, limiter=context.uploads)
     await run_in_threadpool(context.services.venues.set_vector_plan, level_id, body)
     return Response(status_code=204)
 
@@ -163,7 +166,7 @@ def _check_png(png: bytes) -> None:
 
 def _check_plan(body: bytes) -> None:
     # Kept as it was sent, so it must be JSON to everybody: no NaN.
-    fault = plan_fault(decode_json(body, non_finite=False))
+    fault = plan_fault(decode_json(body, PLAN_BOUNDS, non_finite=False))
     if fault is not None:
         field, message = fault
         raise RejectedError([FieldError(field, message, "send a GeoJSON FeatureCollection in level metres")])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import partial
 
 import anyio
@@ -10,17 +11,27 @@ from fastapi import Request, Response
 
 from app.api import errors
 from app.api.auth import needs
-from app.api.body import UPLOAD_TYPES, media_type, read_body, require_media_type
+from app.api.body import SEGMENT_BYTES, UPLOAD_TYPES, media_type, read_body, require_media_type
 from app.api.deps import ContextDep
 from app.api.plausibility import SEGMENT_LIMITS
 from app.api.responses import OBJECT, guarded, upload
 from app.api.routing import api_router
 from app.api.schemas.locate import LOCATE_EXAMPLE, LocateIn, LocateOut, located_object
-from app.api.uploads import checked_samples, parse
+from app.api.uploads import LARGE_BYTES, checked_samples, parse
+from app.engine.types import ImuSamples, RadioScans
 from app.services.container import Services
 from app.services.records import Scope
 
 router = api_router("locate")
+
+
+@dataclass(frozen=True, slots=True)
+class _Query:
+    """A request whose samples are checked."""
+
+    request: LocateIn
+    samples: ImuSamples
+    wifi: RadioScans | None
 
 
 @router.post(
@@ -34,21 +45,29 @@ router = api_router("locate")
 async def locate(request: Request, context: ContextDep) -> Response:
     """Send samples, get their trajectory: no session, nothing stored. At most 60 s or 20,000 samples."""
     require_media_type(request, *UPLOAD_TYPES)
-    body = await read_body(request, context.settings.max_body_bytes)
-    work = partial(_locate, context.services, body, media_type(request))
+    body = await read_body(request, context.settings.max_body_bytes, inflated=SEGMENT_BYTES)
+    # Decoded under the limit of uploads, not of locations: sixteen large bodies at once would be gigabytes.
+    limiter = context.uploads if len(body) > LARGE_BYTES else None
+    query = await anyio.to_thread.run_sync(_read, body, media_type(request), limiter=limiter)
+    del body
+    work = partial(_locate, context.services, query)
     return Response(await anyio.to_thread.run_sync(work, limiter=context.locates), media_type="application/json")
 
 
-def _locate(services: Services, body: bytes, kind: str) -> bytes:
-    query = parse(body, kind, LocateIn)
-    samples, wifi = checked_samples(query.samples, query.wifi, query.frame, SEGMENT_LIMITS)
+def _read(body: bytes, kind: str) -> _Query:
+    request = parse(body, kind, LocateIn)
+    return _Query(request, *checked_samples(request.samples, request.wifi, request.frame, SEGMENT_LIMITS))
+
+
+def _locate(services: Services, query: _Query) -> bytes:
+    request = query.request
     located = services.locate.locate(
-        query.level_id,
-        query.method,
-        query.parameters,
-        query.prior.prior(query.level_id) if query.prior else None,
-        samples,
-        wifi=wifi,
-        map_id=query.map_id,
+        request.level_id,
+        request.method,
+        request.parameters,
+        request.prior.prior(request.level_id) if request.prior else None,
+        query.samples,
+        wifi=query.wifi,
+        map_id=request.map_id,
     )
     return orjson.dumps(located_object(located))

@@ -11,14 +11,14 @@ from starlette.concurrency import run_in_threadpool
 
 from app.api import errors
 from app.api.auth import needs
-from app.api.body import UPLOAD_TYPES, media_type, read_body, require_media_type
+from app.api.body import SEGMENT_BYTES, UPLOAD_TYPES, media_type, read_body, require_media_type
 from app.api.deps import PREFER_PARAMETER, ContextDep, SeqPath, ServicesDep, WaitDep
 from app.api.pagination import PagingDep, link_next
 from app.api.responses import OBJECT, guarded, upload
 from app.api.routing import api_router
 from app.api.schemas.samples import SEGMENT_EXAMPLE, SegmentIn
 from app.api.schemas.segments import SEGMENT_QUEUED, SegmentInfoOut, SegmentOut, SegmentPage, segment_object
-from app.api.uploads import new_segment, parse
+from app.api.uploads import LARGE_BYTES, new_segment, parse
 from app.engine.types import Fix
 from app.services.base import MAX_LIMIT
 from app.services.container import Services
@@ -27,8 +27,6 @@ from app.services.records import Accepted, JobState, Scope
 router = api_router("segments")
 
 _FINAL = frozenset({JobState.DONE, JobState.FAILED, JobState.CANCELLED})
-_LARGE_BYTES = 512 * 1024
-"""Uploads above this are decoded a few at a time; a 5-s segment is 11 kB (msgpack) to 24 kB (JSON)."""
 
 
 @router.post(
@@ -64,9 +62,9 @@ async def add_segment(session_id: str, request: Request, context: ContextDep, wa
     (with `Isodyn-Repeated: true`), so a call whose answer was lost may simply be repeated.
     """
     require_media_type(request, *UPLOAD_TYPES)
-    body = await read_body(request, context.settings.max_body_bytes)
+    body = await read_body(request, context.settings.max_body_bytes, inflated=SEGMENT_BYTES)
     accept = partial(_accept, context.services, session_id, body, media_type(request))
-    limiter = context.uploads if len(body) > _LARGE_BYTES else None
+    limiter = context.uploads if len(body) > LARGE_BYTES else None
     accepted = await anyio.to_thread.run_sync(accept, limiter=limiter)
     final = accepted.job.state in _FINAL
     waited = not final and wait.seconds > 0

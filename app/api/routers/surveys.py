@@ -17,6 +17,7 @@ from app.api.responses import OBJECT, guarded, upload
 from app.api.routing import api_router
 from app.api.schemas.samples import WALK_EXAMPLE, WalkIn
 from app.api.schemas.surveys import SurveyIn, SurveyOut, SurveyPage, WalkOut, WalkPage
+from app.api.structure import WALK_BOUNDS
 from app.api.uploads import new_walk, parse
 from app.services.container import Services
 from app.services.records import Scope
@@ -95,7 +96,8 @@ async def add_walk(survey_id: str, request: Request, context: ContextDep) -> Res
 
 def _add_walk(services: Services, survey_id: str, body: bytes, kind: str) -> Response:
     level = services.venues.get_level(services.surveys.get(survey_id).level_id)
-    walk, repeated = services.surveys.add_walk(survey_id, new_walk(parse(body, kind, WalkIn), level.extent))
+    walk_in = parse(body, kind, WalkIn, WALK_BOUNDS)
+    walk, repeated = services.surveys.add_walk(survey_id, new_walk(walk_in, level.extent))
     return Response(
         WalkOut.of(walk).model_dump_json(),
         status_code=200 if repeated else 201,
