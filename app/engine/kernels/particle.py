@@ -23,6 +23,9 @@ Rows of a particle array ``p`` (15, n) float32:
 The map ``grid`` (rows, columns, 7) float32 holds the three channels' mean, the map's variance of channels 0 and 1,
 that of channel 2, 1 where mapped, and the weight of standing there (1 where people can walk). Channels: vector x y z;
 ``hv`` h - v; total - - f.
+
+The parts of a step are inlined: a callee of its own may be linked in another optimised form when it comes from the
+cache than when it was just compiled, and with fast math the two differ in the last bits. Replays must not.
 """
 
 import numpy as np
@@ -32,7 +35,7 @@ ROWS = 15
 VECTOR, HV, TOTAL = 0, 1, 2
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+@njit(cache=True, nogil=True, fastmath=True, error_model="numpy", inline="always")
 def move(p, motion, par, pool, offset):
     """Move all particles by one step; see :func:`step` for the arguments."""
     n = p.shape[1]
@@ -91,7 +94,7 @@ def whitening(map_var, noise_var, rho_map, rho_noise):
     return var * (np.float32(1.0) - rho * rho), np.float32(1.0) - rho, rho
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+@njit(cache=True, nogil=True, fastmath=True, error_model="numpy", inline="always")
 def weigh(p, grid, motion, z, par, mode, first):
     """Compare all particles with the map and multiply their weights; returns the weights' sum."""
     n = p.shape[1]
@@ -155,7 +158,7 @@ def weigh(p, grid, motion, z, par, mode, first):
     return total
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+@njit(cache=True, nogil=True, fastmath=True, error_model="numpy", inline="always")
 def summarize(p, grid, motion, par, total, est):
     """Normalize the weights (equal ones if none is left) and sum up; see ``est`` of :func:`step`."""
     n = p.shape[1]
@@ -191,7 +194,7 @@ def summarize(p, grid, motion, par, total, est):
     est[2] += yr
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+@njit(cache=True, nogil=True, fastmath=True, error_model="numpy", inline="always")
 def resample(p, q, u, ancestor):
     """Systematic resampling of ``p`` into ``q`` with equal weights."""
     n = p.shape[1]
