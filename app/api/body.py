@@ -45,7 +45,7 @@ def require_media_type(request: Request, *accepted: str) -> str:
     for name in accepted:
         if kind == name or (name == JSON and is_json(kind)):
             return name
-    given = f"is {kind!r}" if kind else "is missing"
+    given = f"is {kind[:100]!r}" if kind else "is missing"
     raise MediaTypeError(f"Content-Type {given}; send one of: {', '.join(accepted)}", accept=", ".join(accepted))
 
 
@@ -59,7 +59,9 @@ async def read_body(request: Request, limit: int, *, inflated: int | None = None
     limit = min(limit, most)
     encoding = request.headers.get("content-encoding", "identity").strip().lower()
     if encoding not in {"identity", "gzip"}:
-        raise MediaTypeError(f"Content-Encoding {encoding!r} is not taken; send gzip or none", accept_encoding="gzip")
+        raise MediaTypeError(
+            f"Content-Encoding {encoding[:100]!r} is not taken; send gzip or none", accept_encoding="gzip"
+        )
     announced = request.headers.get("content-length", "")
     if announced.isdigit() and int(announced) > limit:
         raise BodyTooLargeError(f"the body has {announced} bytes; at most {limit} are taken: send smaller pieces")

@@ -142,6 +142,8 @@ class MediaTypeError(ApiError):
     def __init__(self, detail: str, *, accept: str | None = None, accept_encoding: str | None = None) -> None:
         named = {"Accept": accept, "Accept-Encoding": accept_encoding}
         super().__init__(detail, headers={name: value for name, value in named.items() if value is not None})
+        self.field = "Content-Type" if accept_encoding is None else "Content-Encoding"
+        self.remedy = f"send one of: {accept or accept_encoding}"
 
 
 class RejectedError(ApiError):
@@ -192,6 +194,19 @@ PROBLEM_OF: Mapping[type[Exception], ProblemType] = {
     WorkerLostError: WORKER_LOST,
     ClientDisconnect: MALFORMED_BODY,
 }
+
+FIELD_OF: Mapping[ProblemType, tuple[str, str]] = {
+    MALFORMED_BODY: ("body", "send the whole body, as Content-Type and Content-Encoding say"),
+    BODY_TOO_LARGE: ("body", "send smaller pieces"),
+    UNSUPPORTED_MEDIA_TYPE: ("Content-Type", "send a type that /docs shows for this call"),
+    SEQUENCE_CONFLICT: ("seq", "send new samples under the session's next_seq"),
+    SEQUENCE_GAP: ("seq", "send the missing segments first"),
+    SESSION_CLOSED: ("session_id", "open a new session with POST /v1/sessions"),
+    NO_MAP: ("level_id", "upload survey walks and POST /v1/maps"),
+    NO_ANCHOR: ("anchor", "set it with PATCH /v1/venues/{venue_id}, or ask for application/json"),
+    IDEMPOTENCY_REUSE: ("Idempotency-Key", "send a new one"),
+}
+"""What is at fault, and the remedy, where the problem itself says it and its error names nothing closer."""
 
 _TYPE_OF_STATUS = {404: NOT_FOUND, 405: METHOD_NOT_ALLOWED, 413: BODY_TOO_LARGE, 415: UNSUPPORTED_MEDIA_TYPE}
 
@@ -252,7 +267,8 @@ def problem_of(error: Exception) -> Problem:
     if kind is None:
         # The detail of an unforeseen error may hold anything (SQL, paths): it goes to the log, not to the caller.
         return Problem(INTERNAL, "an unexpected error; the log of the service has it")
-    return Problem(kind, str(error) or kind.title, _errors_in(error), _headers_of(error))
+    detail = str(error) or kind.title
+    return Problem(kind, detail, _errors_in(error) or _errors_of(kind, detail), _headers_of(error))
 
 
 def install(app: FastAPI, allowed_methods: Callable[[str], str]) -> None:
@@ -271,7 +287,7 @@ def install(app: FastAPI, allowed_methods: Callable[[str], str]) -> None:
 def _of_http_exception(error: HTTPException) -> Problem:
     kind = _TYPE_OF_STATUS.get(error.status_code, MALFORMED_BODY if error.status_code < 500 else INTERNAL)
     detail = "no such path; /docs lists all" if kind is NOT_FOUND else kind.title
-    return Problem(kind, detail, headers=dict(error.headers or {}))
+    return Problem(kind, detail, _errors_of(kind, detail), dict(error.headers or {}))
 
 
 def _errors_in(error: Exception) -> tuple[FieldError, ...]:
@@ -281,7 +297,18 @@ def _errors_in(error: Exception) -> tuple[FieldError, ...]:
         return (FieldError(error.field, error.message, error.remedy),)
     if isinstance(error, InputError):
         return (FieldError(error.field, error.message, "see docs/api.md for what this field takes"),)
+    if isinstance(error, MediaTypeError):
+        return (FieldError(error.field, str(error), error.remedy),)
+    if isinstance(error, service.SequenceGapError):
+        return (FieldError("seq", str(error), f"send seq {error.expected} first"),)
     return ()
+
+
+def _errors_of(kind: ProblemType, detail: str) -> tuple[FieldError, ...]:
+    if kind not in FIELD_OF:
+        return ()
+    field_name, remedy = FIELD_OF[kind]
+    return (FieldError(field_name, detail, remedy),)
 
 
 def _headers_of(error: Exception) -> Mapping[str, str]:

@@ -6,13 +6,14 @@ import asyncio
 
 import httpx
 import pytest
+from starlette.exceptions import HTTPException
 
 from app.api import errors as api_errors
 from app.api.errors import PROBLEM_OF, PROBLEM_TYPES, ApiError, problem_of
 from app.engine.errors import EngineError, InputError
 from app.services.errors import OverloadedError, ServiceError
 from app.services.ports import WorkerLostError
-from tests.api.harness import Api
+from tests.api.harness import Api, plain, segment_body
 
 
 def leaves(kind: type[Exception]) -> set[type[Exception]]:
@@ -46,6 +47,46 @@ def test_engine_errors_name_their_field() -> None:
     problem = problem_of(InputError("parameters.x", "must be a number"))
     assert problem.type.slug == "invalid"
     assert problem.errors[0].field == "parameters.x"
+
+
+def test_problems_of_a_request_name_field_and_remedy(api: Api) -> None:
+    session_id = api.session_id()
+    path = f"/v1/sessions/{session_id}/segments"
+    json_type = {"Content-Type": "application/json"}
+    api.ok("POST", path, json=plain(segment_body()))
+    other = plain(segment_body())
+    other["samples"]["mag"]["x"][0] += 1.0
+    gap, empty = api.post(path, json=plain(segment_body(7))), api.level().id
+    conflict = api.post(path, json=other)
+    api.ok("POST", f"/v1/sessions/{session_id}/close")
+    for response, slug, field, remedy in (
+        (api.post(path, content=b"{", headers=json_type), "malformed-body", "body", "whole body"),
+        (api.post(path, content=b" " * 2**23 + b"{", headers=json_type), "body-too-large", "body", "smaller"),
+        (api.post(path, content=b"x"), "unsupported-media-type", "Content-Type", "application/json"),
+        (
+            api.post(path, content=b"x", headers={**json_type, "Content-Encoding": "br"}),
+            "unsupported-media-type",
+            "Content-Encoding",
+            "gzip",
+        ),
+        (conflict, "sequence-conflict", "seq", "next_seq"),
+        (gap, "sequence-gap", "seq", "send seq 1 first"),
+        (api.post(path, json=plain(segment_body(1))), "session-closed", "session_id", "open a new session"),
+        (api.post("/v1/sessions", json={"level_id": empty}), "no-map", "level_id", "POST /v1/maps"),
+    ):
+        problem = response.json()
+        assert problem["type"].endswith(f"/{slug}")
+        (error,) = problem["errors"]
+        assert error["field"] == field
+        assert error["message"]
+        assert remedy in error["remedy"]
+
+
+def test_what_the_framework_refuses_is_a_problem_with_a_field_too() -> None:
+    for status, slug in ((400, "malformed-body"), (413, "body-too-large"), (415, "unsupported-media-type")):
+        problem = problem_of(HTTPException(status))
+        assert problem.type.slug == slug
+        assert problem.errors[0].remedy
 
 
 def test_unforeseen_errors_tell_nothing(api: Api, monkeypatch: pytest.MonkeyPatch) -> None:
