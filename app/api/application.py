@@ -19,6 +19,7 @@ from app.api.ports import ApiSettings, Broker, Metrics, Readiness
 from app.api.ratelimit import RateLimiter
 from app.api.routers import ROUTERS
 from app.api.routing import allowed_methods
+from app.services.clock import Clock, utc_now
 from app.services.container import Services
 
 Lifespan = Callable[[FastAPI], AbstractAsyncContextManager[None]]
@@ -34,6 +35,7 @@ def create_api(
     settings: ApiSettings,
     metrics: Metrics,
     ready: Readiness,
+    clock: Clock = utc_now,
     lifespan: Lifespan | None = None,
 ) -> FastAPI:
     """Build the application over ready-made services; ``lifespan`` starts and stops what they need."""
@@ -61,6 +63,7 @@ def create_api(
         keys=KeyCache(services.accounts.verify),
         limiter=limiter,
         creations=Creations(services.idempotency),
+        clock=clock,
         uploads=anyio.CapacityLimiter(_LARGE_UPLOADS),
         locates=anyio.CapacityLimiter(_LOCATES),
     )

@@ -14,6 +14,7 @@ from app.api.idempotency import Creations
 from app.api.ports import ApiSettings, Broker, Metrics, Readiness
 from app.api.ratelimit import RateLimiter
 from app.api.schemas.samples import MAX_SEQ
+from app.services.clock import Clock
 from app.services.container import Services
 from app.services.records import ApiKey
 
@@ -32,6 +33,7 @@ class Context:
     keys: KeyCache
     limiter: RateLimiter
     creations: Creations
+    clock: Clock
     uploads: anyio.CapacityLimiter
     """How many large uploads are decoded at once: each may hold several times its size in memory."""
     locates: anyio.CapacityLimiter

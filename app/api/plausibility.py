@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from datetime import UTC, datetime
 
 import numpy as np
 
@@ -17,10 +18,17 @@ from app.api.validation import FieldError
 from app.engine.types import Float64Array
 
 MAX_GAP_S = 1.0
+MIN_RATE_HZ = 8.0
+"""Steps are 1 to 2.5 a second; recordings of 10 Hz, as slow as some data sets are, still show them."""
+MAX_AHEAD_S = 86_400.0
 MAX_WIFI_ROWS = 50_000
 RSSI_RANGE = (-150.0, 20.0)
 WAYPOINT_SLACK_S = 10.0
 WAYPOINT_SLACK_M = 50.0
+STILL_S, STILL_M = 20.0, 1.0
+"""A walk whose waypoints span this time and not this path length is none."""
+SILENT_S = 2.0
+"""A gyroscope that reads exactly 0 for so long is not there."""
 
 Extent = tuple[float, float, float, float]
 
@@ -85,16 +93,23 @@ SENSORS: Mapping[str, SensorRule] = {
     ),
 }
 
+_EARLIEST_MS = datetime(2000, 1, 1, tzinfo=UTC).timestamp() * 1000
 _EARLIEST_S, _LATEST_S = 1e8, 1e10
 _MICROSECONDS = 1e14
+_WAYPOINT_UNITS = (
+    (1e3, "seconds", "multiply by 1000"),
+    (1e-3, "us", "send Unix milliseconds: divide by 1000"),
+    (1e-6, "ns", "send Unix milliseconds: divide by 1000000"),
+)
 
 
-def check_samples(samples: SamplesIn, limits: UploadLimits) -> None:
-    """Raise RejectedError with all findings of the first stage that has any."""
+def check_samples(samples: SamplesIn, limits: UploadLimits, now: datetime) -> None:
+    """Raise RejectedError with all findings of the first stage that has any; ``now`` is the server's clock."""
     for stage in (_lengths, _finite):
         _raise_any(stage(samples))
     _raise_any(_size(samples.t_ms, limits))
-    _raise_any(_time(samples.t_ms, limits))
+    _raise_any(_time(samples.t_ms, limits, now))
+    _raise_any(_silent(samples))
     _raise_any(finding for name in SENSORS for finding in _sensor(name, getattr(samples, name)))
 
 
@@ -135,6 +150,7 @@ def check_waypoints(waypoints: WaypointsIn, t_ms: Float64Array, extent: Extent) 
     x_min, y_min, x_max, y_max = extent
     _raise_any(_outside("waypoints.x", waypoints.x, x_min, x_max))
     _raise_any(_outside("waypoints.y", waypoints.y, y_min, y_max))
+    _raise_any(_still(waypoints))
 
 
 def _raise_any(findings: Iterator[FieldError]) -> None:
@@ -187,8 +203,8 @@ def _size(t_ms: Float64Array, limits: UploadLimits) -> Iterator[FieldError]:
         )
 
 
-def _time(t_ms: Float64Array, limits: UploadLimits) -> Iterator[FieldError]:
-    wrong_unit = _time_unit(t_ms)
+def _time(t_ms: Float64Array, limits: UploadLimits, now: datetime) -> Iterator[FieldError]:
+    wrong_unit = _time_unit(t_ms) or _absurd_time(t_ms, now)
     if wrong_unit is not None:
         yield wrong_unit
         return
@@ -212,6 +228,12 @@ def _time(t_ms: Float64Array, limits: UploadLimits) -> Iterator[FieldError]:
             f"spans {duration_s:.1f} s",
             f"send at most {limits.max_duration_s:g} s a {limits.what}; split longer recordings",
         )
+    if len(steps) and np.median(steps) > 1000 / MIN_RATE_HZ:
+        yield FieldError(
+            "samples.t_ms",
+            f"has a median interval of {np.median(steps):.0f} ms",
+            f"send at least {MIN_RATE_HZ:g} samples a second; 50 to 100 are good",
+        )
 
 
 def _time_unit(t_ms: Float64Array) -> FieldError | None:
@@ -222,6 +244,36 @@ def _time_unit(t_ms: Float64Array) -> FieldError | None:
     if _EARLIEST_S <= first < _LATEST_S and len(t_ms) > 1 and 0 < (t_ms[-1] - first) / (len(t_ms) - 1) < 0.5:
         return FieldError("samples.t_ms", f"starts at {first:.3f}: looks like seconds", "multiply by 1000")
     return None
+
+
+def _absurd_time(t_ms: Float64Array, now: datetime) -> FieldError | None:
+    first, last = float(t_ms.min()), float(t_ms.max())
+    if first < _EARLIEST_MS:
+        return FieldError(
+            "samples.t_ms",
+            f"starts at {first:.15g}, before the year 2000",
+            "send Unix milliseconds: add the time at which the recording's own clock began",
+        )
+    if last > (now.timestamp() + MAX_AHEAD_S) * 1000:
+        ahead = f"ends at {last:.15g}, more than a day ahead of the server's clock ({now:%Y-%m-%d %H:%M} UTC)"
+        return FieldError("samples.t_ms", ahead, "send Unix milliseconds, and set the device's clock")
+    return None
+
+
+def _silent(samples: SamplesIn) -> Iterator[FieldError]:
+    if not _reads(samples.mag):
+        yield FieldError("samples.mag", "has no reading: every value is 0", "send the magnetometer's readings in uT")
+    span_s = (samples.t_ms[-1] - samples.t_ms[0]) / 1000
+    if span_s >= SILENT_S and not _reads(samples.gyro):
+        yield FieldError(
+            "samples.gyro",
+            f"has no reading: every value of {span_s:.1f} s is 0",
+            "send the gyroscope's readings in rad/s; without one a device cannot be located",
+        )
+
+
+def _reads(vector: VectorIn) -> bool:
+    return bool(vector.x.any() or vector.y.any() or vector.z.any())
 
 
 def _not_increasing(name: str, t_ms: Float64Array) -> Iterator[FieldError]:
@@ -267,14 +319,32 @@ def _sensor_unit(field: str, magnitude: Float64Array, rule: SensorRule) -> Field
 
 def _waypoint_time(waypoint_ms: Float64Array, t_ms: Float64Array) -> Iterator[FieldError]:
     slack = WAYPOINT_SLACK_S * 1000
-    outside = (waypoint_ms < t_ms[0] - slack) | (waypoint_ms > t_ms[-1] + slack)
-    if outside.any():
-        i = int(outside.argmax())
+    low, high = t_ms[0] - slack, t_ms[-1] + slack
+    outside = (waypoint_ms < low) | (waypoint_ms > high)
+    if not outside.any():
+        return
+    i = int(outside.argmax())
+    # The samples are in milliseconds: the unit of the waypoints is the one that brings them there.
+    for factor, unit, remedy in _WAYPOINT_UNITS:
+        if low <= waypoint_ms[0] * factor and waypoint_ms[-1] * factor <= high:
+            yield FieldError("waypoints.t_ms", f"starts at {waypoint_ms[0]:.15g}: looks like {unit}", remedy)
+            return
+    yield FieldError(
+        "waypoints.t_ms",
+        f"waypoint {i} ({waypoint_ms[i]:.0f}) is more than {WAYPOINT_SLACK_S:g} s outside the samples' time "
+        f"({t_ms[0]:.0f} to {t_ms[-1]:.0f})",
+        "give waypoints of this walk, on the same clock as the samples",
+    )
+
+
+def _still(waypoints: WaypointsIn) -> Iterator[FieldError]:
+    span_s = (waypoints.t_ms[-1] - waypoints.t_ms[0]) / 1000
+    length_m = float(np.hypot(np.diff(waypoints.x), np.diff(waypoints.y)).sum())
+    if span_s >= STILL_S and length_m < STILL_M:
         yield FieldError(
-            "waypoints.t_ms",
-            f"waypoint {i} ({waypoint_ms[i]:.0f}) is more than {WAYPOINT_SLACK_S:g} s outside the samples' time "
-            f"({t_ms[0]:.0f} to {t_ms[-1]:.0f})",
-            "give waypoints of this walk, on the same clock as the samples",
+            "waypoints.x",
+            f"all waypoints lie at one place: {length_m:.2f} m in {span_s:.0f} s",
+            "label the places the walk went through; a recording at one place makes no map",
         )
 
 

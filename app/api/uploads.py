@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from datetime import datetime
 from typing import Any, TypeVar
 
 import numpy as np
@@ -42,19 +43,19 @@ def parse(body: bytes, kind: str, model: type[Model], bounds: Bounds = SEGMENT_B
         raise RejectedError(field_errors(error.errors(include_url=False, include_input=False))) from error
 
 
-def new_segment(upload: SegmentIn) -> NewSegment:
+def new_segment(upload: SegmentIn, now: datetime) -> NewSegment:
     """Check a segment and turn it into what the services take."""
-    samples, wifi = checked_samples(upload.samples, upload.wifi, upload.frame, SEGMENT_LIMITS)
+    samples, wifi = checked_samples(upload.samples, upload.wifi, upload.frame, SEGMENT_LIMITS, now)
     return NewSegment(seq=upload.seq, samples=samples, content_hash=content_hash(samples, wifi), wifi=wifi)
 
 
-def new_walk(upload: WalkIn, extent: Extent) -> NewWalk:
+def new_walk(upload: WalkIn, extent: Extent, now: datetime) -> NewWalk:
     """Check a survey walk on a level of this extent and turn it into what the services take.
 
     The hash covers what was measured, not how the walk is called: a repeated upload under another name is the
     same walk.
     """
-    samples, wifi = checked_samples(upload.samples, upload.wifi, upload.frame, WALK_LIMITS)
+    samples, wifi = checked_samples(upload.samples, upload.wifi, upload.frame, WALK_LIMITS, now)
     check_waypoints(upload.waypoints, upload.samples.t_ms, extent)
     waypoints = Waypoints(upload.waypoints.t_ms / 1000.0, upload.waypoints.x, upload.waypoints.y)
     return NewWalk(
@@ -68,10 +69,10 @@ def new_walk(upload: WalkIn, extent: Extent) -> NewWalk:
 
 
 def checked_samples(
-    upload: SamplesIn, wifi: WifiIn | None, frame: Frame, limits: UploadLimits
+    upload: SamplesIn, wifi: WifiIn | None, frame: Frame, limits: UploadLimits, now: datetime
 ) -> tuple[ImuSamples, RadioScans | None]:
     """Check and convert the samples and aids of any upload."""
-    check_samples(upload, limits)
+    check_samples(upload, limits, now)
     samples = ImuSamples(
         t=upload.t_ms / 1000.0,
         mag=_rows(upload.mag, frame),

@@ -109,10 +109,11 @@ class Api:
     def __init__(self, folder: Path, options: Options = Options(), *, max_queued: int = 1000) -> None:
         self.database = Database.at(folder / "isodyn.db")
         self.database.migrate()
+        self.clock = SteppingClock()
         self.events, self.broker, self.worker = JobEvents(), JobBroker(), Worker()
         self.services = build_services(
             uow=self.database,
-            clock=SteppingClock(),
+            clock=self.clock,
             executor=CallingExecutor(),
             cache=FileMapCache(folder / "maps"),
             listener=self.events,
@@ -130,6 +131,7 @@ class Api:
             settings=options,
             metrics=self.metrics,
             ready=self.ready,
+            clock=self.clock,
         )
         self.secrets = {scope: self.services.accounts.create_key(scope.value, {scope})[1] for scope in Scope}
 

@@ -88,6 +88,11 @@ SAMPLES = [
     ("deg/s sent as rad/s", times(180 / np.pi, "gyro"), "samples.gyro", "looks like deg/s", "pi / 180"),
     ("seconds sent as ms", at("samples.t_ms", lambda t: t / 1000), "samples.t_ms", "looks like seconds", "by 1000"),
     ("us sent as ms", at("samples.t_ms", lambda t: t * 1000), "samples.t_ms", "looks like us", "milliseconds"),
+    ("year 5030", at("samples.t_ms", lambda t: t + 9.5e13), "samples.t_ms", "a day ahead", "Unix milliseconds"),
+    ("relative time", at("samples.t_ms", lambda t: t - t[0]), "samples.t_ms", "before the year", "Unix milliseconds"),
+    ("no magnetometer", times(0.0, "mag"), "samples.mag", "no reading", "uT"),
+    ("no gyroscope", times(0.0, "gyro"), "samples.gyro", "no reading", "rad/s"),
+    ("5 Hz", at("samples.t_ms", lambda t: t[0] + np.arange(len(t)) * 200.0), "samples.t_ms", "200 ms", "8 samples"),
     ("unknown field", at("samples.temperature", [1.0]), "samples.temperature", "not permitted", "unknown fields"),
     ("unknown axis", at("samples.mag.w", [1.0]), "samples.mag.w", "not permitted", "unknown fields"),
     ("missing sensor", drop("samples.gyro"), "samples.gyro", "required", "add this field"),
@@ -147,9 +152,21 @@ WALK_ONLY = [
     ("waypoints out of order", at("waypoints.t_ms", lambda t: t[::-1]), "waypoints.t_ms", "backwards", "time order"),
     ("waypoint far west", at("waypoints.x.0", -53.6), "waypoints.x", "waypoint 0 lies at -53.6 m", "level's frame"),
     ("waypoint far north", at("waypoints.y.2", 86.8), "waypoints.y", "waypoint 2 lies at 86.8 m", "level's frame"),
+    ("waypoints in s", at("waypoints.t_ms", lambda t: t / 1e3), "waypoints.t_ms", "looks like seconds", "by 1000"),
+    ("waypoints in us", at("waypoints.t_ms", lambda t: t * 1e3), "waypoints.t_ms", "looks like us", "by 1000"),
+    ("waypoints in ns", at("waypoints.t_ms", lambda t: t * 1e6), "waypoints.t_ms", "looks like ns", "by 1000000"),
+    ("nowhere to go", lambda b: stay(b), "waypoints.x", "at one place: 0.80 m in 26 s", "went through"),
     ("empty name", at("name", ""), "name", "", "longer"),
     ("name that does not show", at("name", " \t"), "name", "", "line of text"),
 ]
+
+
+def stay(body: dict[str, Any]) -> None:
+    body["waypoints"] = {
+        "t_ms": body["samples"]["t_ms"][0] + np.array([-8_000.0, 0.0, 18_000.0]),
+        "x": np.array([5.0, 5.4, 5.0]),
+        "y": np.array([5.0, 5.0, 5.0]),
+    }
 
 
 def cut_waypoints(body: dict[str, Any], n: int) -> None:

@@ -14,7 +14,7 @@ from app.api.errors import RejectedError
 from app.api.plausibility import SEGMENT_LIMITS, SENSORS, check_samples
 from app.api.schemas.samples import SamplesIn
 from tests.api.harness import columns, plain
-from tests.support.builders import samples
+from tests.support.builders import START, samples
 
 FIELDS = [f"{name}.{axis}" for name in SENSORS for axis in "xyz"]
 
@@ -31,7 +31,7 @@ def build(**changes: Iterable[float]) -> SamplesIn:
 
 def fields_at_fault(upload: SamplesIn) -> set[str]:
     try:
-        check_samples(upload, SEGMENT_LIMITS)
+        check_samples(upload, SEGMENT_LIMITS, START)
     except RejectedError as error:
         return {finding.field for finding in error.errors}
     return set()
@@ -58,9 +58,10 @@ def test_exactly_the_columns_with_bad_values_are_named(readings: np.ndarray) -> 
 @settings(max_examples=80, deadline=None)
 @given(steps=st.lists(st.sampled_from([-5.0, 0.0, 20.0, 999.0, 1000.0, 1000.5]), min_size=39, max_size=39))
 def test_time_is_judged_step_by_step(steps: list[float]) -> None:
-    """Twin: the worst step decides; steps beyond a second or not forward are refused, the rest are not."""
+    """Twin: the worst step decides, and the median: steps beyond a second or not forward are refused, the rest not."""
     t_ms = np.concatenate(([1.79e12], 1.79e12 + np.cumsum(steps)))
     refused = any(step <= 0 or step > 1000.0 for step in steps) or sum(steps) > 60_000.0
+    refused = refused or sorted(steps)[len(steps) // 2] > 125.0
     assert bool(fields_at_fault(build(t_ms=t_ms))) == refused
 
 
@@ -77,9 +78,9 @@ def test_limits_hold_for_single_samples(name: str, sensor: str, inside: float, o
 def test_a_few_strange_samples_are_no_wrong_unit() -> None:
     nineteen_of_forty = [300.0] * 19 + [0.0] * 21
     with pytest.raises(RejectedError, match="sample"):
-        check_samples(build(acc_x=nineteen_of_forty), SEGMENT_LIMITS)
+        check_samples(build(acc_x=nineteen_of_forty), SEGMENT_LIMITS, START)
     with pytest.raises(RejectedError, match="looks like"):
-        check_samples(build(acc_x=[300.0] * 40), SEGMENT_LIMITS)
+        check_samples(build(acc_x=[300.0] * 40), SEGMENT_LIMITS, START)
 
 
 def test_one_sample_is_a_segment() -> None:
@@ -90,6 +91,50 @@ def test_one_sample_is_a_segment() -> None:
     assert fields_at_fault(SamplesIn.model_validate(plain(body))) == set()
 
 
-@pytest.mark.parametrize("start", [0.0, 12.5, 86_400_000.0, 1.2e12])
-def test_time_may_start_anywhere(start: float) -> None:
-    assert fields_at_fault(build(t_ms=start + np.arange(40) * 20.0)) == set()
+NOW_MS = START.timestamp() * 1000
+DAY_MS = 86_400_000.0
+
+
+@pytest.mark.parametrize(
+    ("start", "word"),
+    [
+        (0.0, "before the year 2000"),
+        (-1e17, "before the year 2000"),
+        (86_400_000.0, "before the year 2000"),
+        (946_684_799_990.0, "before the year 2000"),
+        (946_684_800_000.0, None),
+        (1.56e12, None),
+        (NOW_MS, None),
+        (NOW_MS + DAY_MS - 1000.0, None),
+        (NOW_MS + DAY_MS + 1.0, "a day ahead"),
+        (9.66e13, "a day ahead"),
+    ],
+)
+def test_time_lies_between_2000_and_tomorrow(start: float, word: str | None) -> None:
+    upload = build(t_ms=start + np.arange(40) * max(20.0, abs(start) * 1e-15))
+    assert fields_at_fault(upload) == ({"samples.t_ms"} if word else set())
+    if word:
+        with pytest.raises(RejectedError, match=word) as caught:
+            check_samples(upload, SEGMENT_LIMITS, START)
+        assert "Unix milliseconds" in caught.value.errors[0].remedy
+
+
+@pytest.mark.parametrize(("step_ms", "accepted"), [(100.0, True), (125.0, True), (126.0, False), (999.0, False)])
+def test_the_rate_has_a_floor(step_ms: float, accepted: bool) -> None:
+    upload = build(t_ms=1.79e12 + np.arange(40) * step_ms)
+    assert fields_at_fault(upload) == (set() if accepted else {"samples.t_ms"})
+
+
+@pytest.mark.parametrize(("step_ms", "accepted"), [(51.0, True), (52.0, False)])
+def test_a_gyroscope_may_be_silent_for_a_moment_only(step_ms: float, accepted: bool) -> None:
+    zeros = dict.fromkeys(("gyro_x", "gyro_y", "gyro_z"), [0.0] * 40)
+    t_ms = 1.79e12 + np.arange(40) * step_ms
+    assert fields_at_fault(build(t_ms=t_ms, **zeros)) == (set() if accepted else {"samples.gyro"})
+    assert fields_at_fault(build(t_ms=t_ms, **{**zeros, "gyro_y": [0.0] * 39 + [1e-4]})) == set()
+
+
+def test_a_silent_magnetometer_is_no_wrong_unit() -> None:
+    upload = build(**dict.fromkeys(("mag_x", "mag_y", "mag_z"), [0.0] * 40))
+    with pytest.raises(RejectedError, match="no reading") as caught:
+        check_samples(upload, SEGMENT_LIMITS, START)
+    assert [error.field for error in caught.value.errors] == ["samples.mag"]

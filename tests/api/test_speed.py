@@ -12,6 +12,7 @@ import pytest
 from app.api.schemas.samples import SegmentIn
 from app.api.uploads import new_segment, parse
 from tests.api.harness import JSON_TYPE, MSGPACK_TYPE, packed, plain, segment_body
+from tests.support.builders import START
 
 
 def json_bytes() -> bytes:
@@ -40,5 +41,5 @@ def test_parsing_and_checking_a_segment(body: bytes, kind: str, goal_ms: float) 
 def _cpu_ms(body: bytes, kind: str, repeat: int = 20) -> float:
     began = time.process_time()
     for _ in range(repeat):
-        new_segment(parse(body, kind, SegmentIn))
+        new_segment(parse(body, kind, SegmentIn), START)
     return 1e3 * (time.process_time() - began) / repeat

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from datetime import datetime
 from functools import partial
 
 import anyio
@@ -48,15 +49,15 @@ async def locate(request: Request, context: ContextDep) -> Response:
     body = await read_body(request, context.settings.max_body_bytes, inflated=SEGMENT_BYTES)
     # Decoded under the limit of uploads, not of locations: sixteen large bodies at once would be gigabytes.
     limiter = context.uploads if len(body) > LARGE_BYTES else None
-    query = await anyio.to_thread.run_sync(_read, body, media_type(request), limiter=limiter)
+    query = await anyio.to_thread.run_sync(_read, body, media_type(request), context.clock(), limiter=limiter)
     del body
     work = partial(_locate, context.services, query)
     return Response(await anyio.to_thread.run_sync(work, limiter=context.locates), media_type="application/json")
 
 
-def _read(body: bytes, kind: str) -> _Query:
+def _read(body: bytes, kind: str, now: datetime) -> _Query:
     request = parse(body, kind, LocateIn)
-    return _Query(request, *checked_samples(request.samples, request.wifi, request.frame, SEGMENT_LIMITS))
+    return _Query(request, *checked_samples(request.samples, request.wifi, request.frame, SEGMENT_LIMITS, now))
 
 
 def _locate(services: Services, query: _Query) -> bytes:

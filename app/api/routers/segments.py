@@ -12,7 +12,7 @@ from starlette.concurrency import run_in_threadpool
 from app.api import errors
 from app.api.auth import needs
 from app.api.body import SEGMENT_BYTES, UPLOAD_TYPES, media_type, read_body, require_media_type
-from app.api.deps import PREFER_PARAMETER, ContextDep, SeqPath, ServicesDep, WaitDep
+from app.api.deps import PREFER_PARAMETER, Context, ContextDep, SeqPath, ServicesDep, WaitDep
 from app.api.pagination import PagingDep, link_next
 from app.api.responses import OBJECT, guarded, upload
 from app.api.routing import api_router
@@ -63,7 +63,7 @@ async def add_segment(session_id: str, request: Request, context: ContextDep, wa
     """
     require_media_type(request, *UPLOAD_TYPES)
     body = await read_body(request, context.settings.max_body_bytes, inflated=SEGMENT_BYTES)
-    accept = partial(_accept, context.services, session_id, body, media_type(request))
+    accept = partial(_accept, context, session_id, body, media_type(request))
     limiter = context.uploads if len(body) > LARGE_BYTES else None
     accepted = await anyio.to_thread.run_sync(accept, limiter=limiter)
     final = accepted.job.state in _FINAL
@@ -121,8 +121,9 @@ def read_segment(services: Services, session_id: str, seq: int) -> bytes:
     return orjson.dumps(segment_object(info, fixes))
 
 
-def _accept(services: Services, session_id: str, body: bytes, kind: str) -> Accepted:
-    return services.sessions.accept(session_id, new_segment(parse(body, kind, SegmentIn)))
+def _accept(context: Context, session_id: str, body: bytes, kind: str) -> Accepted:
+    segment = new_segment(parse(body, kind, SegmentIn), context.clock())
+    return context.services.sessions.accept(session_id, segment)
 
 
 def _all_fixes(services: Services, session_id: str, seq: int) -> list[Fix]:

@@ -10,7 +10,7 @@ from fastapi import Query, Request, Response
 from app.api import errors
 from app.api.auth import needs
 from app.api.body import UPLOAD_TYPES, media_type, read_body, require_media_type
-from app.api.deps import ContextDep, ServicesDep
+from app.api.deps import Context, ContextDep, ServicesDep
 from app.api.idempotency import IDEMPOTENCY_PARAMETER, CreationDep
 from app.api.pagination import PagingDep, link_next
 from app.api.responses import OBJECT, guarded, upload
@@ -19,7 +19,6 @@ from app.api.schemas.samples import WALK_EXAMPLE, WalkIn
 from app.api.schemas.surveys import SurveyIn, SurveyOut, SurveyPage, WalkOut, WalkPage
 from app.api.structure import WALK_BOUNDS
 from app.api.uploads import new_walk, parse
-from app.services.container import Services
 from app.services.records import Scope
 
 router = api_router("surveys")
@@ -90,14 +89,15 @@ async def add_walk(survey_id: str, request: Request, context: ContextDep) -> Res
     require_media_type(request, *UPLOAD_TYPES)
     body = await read_body(request, context.settings.max_body_bytes)
     return await anyio.to_thread.run_sync(
-        _add_walk, context.services, survey_id, body, media_type(request), limiter=context.uploads
+        _add_walk, context, survey_id, body, media_type(request), limiter=context.uploads
     )
 
 
-def _add_walk(services: Services, survey_id: str, body: bytes, kind: str) -> Response:
+def _add_walk(context: Context, survey_id: str, body: bytes, kind: str) -> Response:
+    services = context.services
     level = services.venues.get_level(services.surveys.get(survey_id).level_id)
     walk_in = parse(body, kind, WalkIn, WALK_BOUNDS)
-    walk, repeated = services.surveys.add_walk(survey_id, new_walk(walk_in, level.extent))
+    walk, repeated = services.surveys.add_walk(survey_id, new_walk(walk_in, level.extent, context.clock()))
     return Response(
         WalkOut.of(walk).model_dump_json(),
         status_code=200 if repeated else 201,
