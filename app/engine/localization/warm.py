@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from app.engine.localization.registry import METHODS, create_tracker
+from app.engine.mapping import Covariance, FieldLevel, FieldSamples, krige
 from app.engine.types import FeatureSet, GridMap, ImuSamples, Prior, Segment
 
 
@@ -22,12 +23,14 @@ class _OneMap:
 
 
 def warm_up() -> None:
-    """Run every method once on a few steps over a flat map. Idempotent; some seconds without a kernel cache."""
+    """Run every method once on a few steps over a flat map, and krige one. Idempotent; seconds without a cache."""
     source = _OneMap(_flat_map())
     segment = Segment(_walk(3.0))
     for name in METHODS:
         tracker = create_tracker(name)
         tracker.step(tracker.start(Prior("warm", 5.0, 5.0), seed=0), segment, source)
+    samples = FieldSamples(np.zeros((1, 2)), np.zeros(1, dtype=np.int64), np.zeros((1, 3)))
+    krige(samples, FieldLevel(np.zeros(3), np.ones(3)), Covariance(), np.zeros((1, 2)))
 
 
 def _flat_map() -> GridMap:
