@@ -17,14 +17,13 @@ PATTERN_WORDS: Mapping[str, tuple[str, str]] = {
 }
 """What a string lacks that does not match: regular expressions are for programs."""
 
+_NO_OBJECT = frozenset({"model_type", "model_attributes_type", "dict_type"})
+
 _REMEDIES: Mapping[str, str] = {
     "missing": "add this field",
     "extra_forbidden": "remove it or correct its name; unknown fields are not taken",
     "finite_number": "send a finite number",
     "json_invalid": "send valid JSON",
-    "model_type": "send an object",
-    "model_attributes_type": "send an object",
-    "dict_type": "send an object",
     "list_type": "send an array",
     "tuple_type": "send an array",
     "string_type": "send a string",
@@ -71,6 +70,9 @@ def _field_error(error: Mapping[str, Any]) -> FieldError:
         return FieldError(field, "is empty", "send a JSON object")
     if context.get("pattern") in PATTERN_WORDS:
         return FieldError(field, *PATTERN_WORDS[context["pattern"]])
+    if kind in _NO_OBJECT:
+        # pydantic's words name the class, which is nobody's business
+        return FieldError(field, "is not an object", "send an object")
     remedy = str(context.get("remedy", "")) or _remedy(kind, context)
     return FieldError(field, message[:1].lower() + message[1:], remedy)
 

@@ -98,7 +98,7 @@ SAMPLES = [
     ("missing sensor", drop("samples.gyro"), "samples.gyro", "required", "add this field"),
     ("missing axis", drop("samples.gyro.y"), "samples.gyro.y", "required", "add this field"),
     ("a column that is none", at("samples.mag.x", 3.5), "samples.mag.x", "is not a column", "array of numbers"),
-    ("a vector that is none", at("samples.mag", [1.0]), "samples.mag", "", "object"),
+    ("a vector that is none", at("samples.mag", [1.0]), "samples.mag", "is not an object", "object"),
     ("unknown frame", at("frame", "ned"), "frame", "'android'", "'frd'"),
     ("Wi-Fi of different lengths", at("wifi.rssi", np.array([-50.0])), "wifi.rssi", "wifi.t_ms has 2", "every column"),
     ("Wi-Fi in mW", at("wifi.rssi.0", 1e3), "wifi.rssi", "value 0", "dBm"),
@@ -126,6 +126,7 @@ SEGMENT_ONLY = [
     ("seq that is a fraction", at("seq", 0.5), "seq", "integer", "integer"),
     ("seq that is no number", at("seq", True), "seq", "integer", "integer"),
     ("huge seq", at("seq", 2**31), "seq", "", "at most"),
+    ("seq of 1e30", at("seq", 1e30), "seq", "is not an integer", "from 0 to 2147483647"),
     ("missing seq", drop("seq"), "seq", "required", "add this field"),
     ("field of a walk", at("waypoints", None), "waypoints", "not permitted", "unknown fields"),
 ]

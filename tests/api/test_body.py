@@ -248,7 +248,8 @@ def test_malformed_msgpack(api: Api, body: bytes) -> None:
 def test_a_body_that_is_no_object(api: Api, value: object) -> None:
     response = api.post("/v1/locate", content=msgpack.packb(value), headers={"Content-Type": "application/msgpack"})
     assert response.status_code == 422
-    assert response.json()["errors"][0]["field"] == "body"
+    (error,) = response.json()["errors"]
+    assert (error["field"], error["message"]) == ("body", "is not an object")
 
 
 def test_only_non_finite_numbers_come_through() -> None:

@@ -40,7 +40,13 @@ def test_the_scale_is_the_95_percent_quantile() -> None:
 def test_headings_are_degrees_of_one_turn(heading: float) -> None:
     shown = heading_deg(replace(fix(), heading=heading))
     assert 0.0 <= shown < 360.0
+    assert shown == round(shown, 2)
     assert math.cos(math.radians(shown) - heading) == pytest.approx(1.0, abs=1e-6)
+
+
+@pytest.mark.parametrize(("degrees", "shown"), [(-96.66, 263.34), (-1e-9, 0.0), (359.999, 0.0), (360.0, 0.0)])
+def test_headings_are_rounded_last(degrees: float, shown: float) -> None:
+    assert heading_deg(replace(fix(), heading=math.radians(degrees))) == shown
 
 
 def test_columns_and_objects_say_the_same() -> None:

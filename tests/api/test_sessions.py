@@ -43,7 +43,7 @@ def test_defaults(api: Api) -> None:
     session = api.ok("POST", "/v1/sessions", json={"level_id": api.mapped_level().id})
     assert (session["method"], session["parameters"], session["device_id"]) == ("particle", {}, None)
     prior = session["prior"]
-    assert (prior["x"], prior["y"], prior["heading_deg"]) == (None, None, None)
+    assert [prior[name] for name in ("x", "y", "heading_deg", "heading_sd_deg")] == [None] * 4
 
 
 def test_a_map_version_can_be_pinned(api: Api) -> None:

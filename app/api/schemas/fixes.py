@@ -105,7 +105,8 @@ def t_ms(fix: Fix) -> float:
 
 def heading_deg(fix: Fix) -> float:
     """Degrees counter-clockwise from +x, 0 <= heading < 360."""
-    return round(math.degrees(fix.heading), 2) % 360.0
+    # Rounded last, or the remainder brings the digits back; what rounds up to 360 is 0.
+    return round(math.degrees(fix.heading) % 360.0, 2) % 360.0
 
 
 def ellipse95(fix: Fix) -> dict[str, float]:

@@ -13,7 +13,7 @@ from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import ConfigDict, Field, PlainValidator, WithJsonSchema
+from pydantic import BeforeValidator, ConfigDict, Field, PlainValidator, WithJsonSchema
 from pydantic_core import PydanticCustomError
 
 from app.api.schemas.base import IdRef, In, Integer, Name
@@ -186,12 +186,19 @@ WALK_EXAMPLE: dict[str, Any] = {
 }
 
 
+def _whole(value: object) -> object:
+    if type(value) is not int:
+        remedy = f"send an integer from 0 to {MAX_SEQ}"
+        raise PydanticCustomError("seq", "is not an integer", {"remedy": remedy})
+    return value
+
+
 class SegmentIn(ColumnsIn):
     """One chunk of a session."""
 
     model_config = ConfigDict(json_schema_extra={"examples": [SEGMENT_EXAMPLE]})
 
-    seq: Annotated[Integer, Field(ge=0, le=MAX_SEQ, description="Counts from 0 without gaps.")]
+    seq: Annotated[Integer, BeforeValidator(_whole), Field(ge=0, le=MAX_SEQ, description="Counts from 0 without gaps.")]
     frame: Frame = Frame.ANDROID
     samples: SamplesIn
     wifi: WifiIn | None = None

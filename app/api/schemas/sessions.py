@@ -29,7 +29,7 @@ _SESSION = {
     "device_id": DEVICE_ID,
     "method": DEFAULT_METHOD,
     "parameters": {},
-    "prior": {"x": 12.0, "y": 4.0, "radius_m": 3.0, "heading_deg": None, "heading_sd_deg": 20.0},
+    "prior": {"x": 12.0, "y": 4.0, "radius_m": 3.0, "heading_deg": None, "heading_sd_deg": None},
     "status": "open",
     "next_seq": 4,
     "created_at": "2026-11-22T09:30:00.000Z",
@@ -99,7 +99,7 @@ class PriorOut(Out):
     y: float | None
     radius_m: float
     heading_deg: float | None
-    heading_sd_deg: float
+    heading_sd_deg: Annotated[float | None, Field(description="Null while the heading is.")]
 
     @classmethod
     def of(cls, prior: Prior) -> Self:
@@ -109,7 +109,7 @@ class PriorOut(Out):
             y=prior.y,
             radius_m=prior.radius_m,
             heading_deg=None if prior.heading is None else round(math.degrees(prior.heading), 6),
-            heading_sd_deg=round(math.degrees(prior.heading_sd), 6),
+            heading_sd_deg=None if prior.heading is None else round(math.degrees(prior.heading_sd), 6),
         )
 
 
