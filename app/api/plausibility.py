@@ -13,7 +13,7 @@ from datetime import UTC, datetime
 import numpy as np
 
 from app.api.errors import RejectedError
-from app.api.schemas.samples import SamplesIn, VectorIn, WaypointsIn, WifiIn
+from app.api.schemas.samples import SamplesIn, VectorIn, WifiIn
 from app.api.validation import FieldError
 from app.engine.types import Float64Array
 
@@ -23,14 +23,8 @@ MIN_RATE_HZ = 8.0
 MAX_AHEAD_S = 86_400.0
 MAX_WIFI_ROWS = 50_000
 RSSI_RANGE = (-150.0, 20.0)
-WAYPOINT_SLACK_S = 10.0
-WAYPOINT_SLACK_M = 50.0
-STILL_S, STILL_M = 20.0, 1.0
-"""A walk whose waypoints span this time and not this path length is none."""
 SILENT_S = 2.0
 """A gyroscope that reads exactly 0 for so long is not there."""
-
-Extent = tuple[float, float, float, float]
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,21 +90,16 @@ SENSORS: Mapping[str, SensorRule] = {
 _EARLIEST_MS = datetime(2000, 1, 1, tzinfo=UTC).timestamp() * 1000
 _EARLIEST_S, _LATEST_S = 1e8, 1e10
 _MICROSECONDS = 1e14
-_WAYPOINT_UNITS = (
-    (1e3, "seconds", "multiply by 1000"),
-    (1e-3, "us", "send Unix milliseconds: divide by 1000"),
-    (1e-6, "ns", "send Unix milliseconds: divide by 1000000"),
-)
 
 
 def check_samples(samples: SamplesIn, limits: UploadLimits, now: datetime) -> None:
     """Raise RejectedError with all findings of the first stage that has any; ``now`` is the server's clock."""
     for stage in (_lengths, _finite):
-        _raise_any(stage(samples))
-    _raise_any(_size(samples.t_ms, limits))
-    _raise_any(_time(samples.t_ms, limits, now))
-    _raise_any(_silent(samples))
-    _raise_any(finding for name in SENSORS for finding in _sensor(name, getattr(samples, name)))
+        raise_any(stage(samples))
+    raise_any(_size(samples.t_ms, limits))
+    raise_any(_time(samples.t_ms, limits, now))
+    raise_any(_silent(samples))
+    raise_any(finding for name in SENSORS for finding in _sensor(name, getattr(samples, name)))
 
 
 def check_wifi(wifi: WifiIn) -> None:
@@ -118,12 +107,12 @@ def check_wifi(wifi: WifiIn) -> None:
     rows = len(wifi.t_ms)
     if rows > MAX_WIFI_ROWS:
         raise RejectedError([FieldError("wifi.t_ms", f"has {rows} rows", f"send at most {MAX_WIFI_ROWS}")])
-    _raise_any(
-        _length_error(f"wifi.{name}", n, "wifi.t_ms", rows)
+    raise_any(
+        length_error(f"wifi.{name}", n, "wifi.t_ms", rows)
         for name, n in (("bssid", len(wifi.bssid)), ("rssi", len(wifi.rssi)))
         if n != rows
     )
-    _raise_any(_column_finite("wifi.t_ms", wifi.t_ms))
+    raise_any(column_finite("wifi.t_ms", wifi.t_ms))
     low, high = RSSI_RANGE
     outside = ~((wifi.rssi >= low) & (wifi.rssi <= high))
     if outside.any():
@@ -133,27 +122,8 @@ def check_wifi(wifi: WifiIn) -> None:
         )
 
 
-def check_waypoints(waypoints: WaypointsIn, t_ms: Float64Array, extent: Extent) -> None:
-    """Raise RejectedError for waypoints that do not belong to these samples or this level."""
-    n = len(waypoints.t_ms)
-    if n < 2:
-        raise RejectedError([FieldError("waypoints.t_ms", f"has {n} of at least 2 waypoints", "label two places")])
-    _raise_any(
-        _length_error(f"waypoints.{name}", len(column), "waypoints.t_ms", n)
-        for name, column in (("x", waypoints.x), ("y", waypoints.y))
-        if len(column) != n
-    )
-    for name in ("t_ms", "x", "y"):
-        _raise_any(_column_finite(f"waypoints.{name}", getattr(waypoints, name)))
-    _raise_any(_not_increasing("waypoints.t_ms", waypoints.t_ms))
-    _raise_any(_waypoint_time(waypoints.t_ms, t_ms))
-    x_min, y_min, x_max, y_max = extent
-    _raise_any(_outside("waypoints.x", waypoints.x, x_min, x_max))
-    _raise_any(_outside("waypoints.y", waypoints.y, y_min, y_max))
-    _raise_any(_still(waypoints))
-
-
-def _raise_any(findings: Iterator[FieldError]) -> None:
+def raise_any(findings: Iterator[FieldError]) -> None:
+    """Raise RejectedError if there are findings."""
     found = list(findings)
     if found:
         raise RejectedError(found)
@@ -174,19 +144,21 @@ def _lengths(samples: SamplesIn) -> Iterator[FieldError]:
         if not len(column):
             yield FieldError(name, "is empty", "send at least one value; all columns have the same length")
         elif n and len(column) != n:
-            yield _length_error(name, len(column), "samples.t_ms", n)
+            yield length_error(name, len(column), "samples.t_ms", n)
 
 
-def _length_error(name: str, n: int, reference: str, expected: int) -> FieldError:
+def length_error(name: str, n: int, reference: str, expected: int) -> FieldError:
+    """Say that a column has another length than its reference."""
     return FieldError(name, f"has {n} values, {reference} has {expected}", "send one value a row in every column")
 
 
 def _finite(samples: SamplesIn) -> Iterator[FieldError]:
     for name, column in _named_columns(samples):
-        yield from _column_finite(name, column)
+        yield from column_finite(name, column)
 
 
-def _column_finite(name: str, column: Float64Array) -> Iterator[FieldError]:
+def column_finite(name: str, column: Float64Array) -> Iterator[FieldError]:
+    """Find the first NaN or infinity."""
     finite = np.isfinite(column)
     if not finite.all():
         i = int(finite.argmin())
@@ -208,7 +180,7 @@ def _time(t_ms: Float64Array, limits: UploadLimits, now: datetime) -> Iterator[F
     if wrong_unit is not None:
         yield wrong_unit
         return
-    order = list(_not_increasing("samples.t_ms", t_ms))
+    order = list(not_increasing("samples.t_ms", t_ms))
     yield from order
     if order:
         return
@@ -276,7 +248,8 @@ def _reads(vector: VectorIn) -> bool:
     return bool(vector.x.any() or vector.y.any() or vector.z.any())
 
 
-def _not_increasing(name: str, t_ms: Float64Array) -> Iterator[FieldError]:
+def not_increasing(name: str, t_ms: Float64Array) -> Iterator[FieldError]:
+    """Find the first time that does not go on."""
     backwards = np.diff(t_ms) <= 0
     if backwards.any():
         i = int(backwards.argmax())
@@ -315,46 +288,3 @@ def _sensor_unit(field: str, magnitude: Float64Array, rule: SensorRule) -> Field
     else:
         return None
     return FieldError(field, f"median magnitude {np.median(magnitude):.4g} {rule.unit}: {what}", remedy)
-
-
-def _waypoint_time(waypoint_ms: Float64Array, t_ms: Float64Array) -> Iterator[FieldError]:
-    slack = WAYPOINT_SLACK_S * 1000
-    low, high = t_ms[0] - slack, t_ms[-1] + slack
-    outside = (waypoint_ms < low) | (waypoint_ms > high)
-    if not outside.any():
-        return
-    i = int(outside.argmax())
-    # The samples are in milliseconds: the unit of the waypoints is the one that brings them there.
-    for factor, unit, remedy in _WAYPOINT_UNITS:
-        if low <= waypoint_ms[0] * factor and waypoint_ms[-1] * factor <= high:
-            yield FieldError("waypoints.t_ms", f"starts at {waypoint_ms[0]:.15g}: looks like {unit}", remedy)
-            return
-    yield FieldError(
-        "waypoints.t_ms",
-        f"waypoint {i} ({waypoint_ms[i]:.0f}) is more than {WAYPOINT_SLACK_S:g} s outside the samples' time "
-        f"({t_ms[0]:.0f} to {t_ms[-1]:.0f})",
-        "give waypoints of this walk, on the same clock as the samples",
-    )
-
-
-def _still(waypoints: WaypointsIn) -> Iterator[FieldError]:
-    span_s = (waypoints.t_ms[-1] - waypoints.t_ms[0]) / 1000
-    length_m = float(np.hypot(np.diff(waypoints.x), np.diff(waypoints.y)).sum())
-    if span_s >= STILL_S and length_m < STILL_M:
-        yield FieldError(
-            "waypoints.x",
-            f"all waypoints lie at one place: {length_m:.2f} m in {span_s:.0f} s",
-            "label the places the walk went through; a recording at one place makes no map",
-        )
-
-
-def _outside(name: str, values: Float64Array, low: float, high: float) -> Iterator[FieldError]:
-    outside = (values < low - WAYPOINT_SLACK_M) | (values > high + WAYPOINT_SLACK_M)
-    if outside.any():
-        i = int(outside.argmax())
-        yield FieldError(
-            name,
-            f"waypoint {i} lies at {values[i]:.1f} m, more than {WAYPOINT_SLACK_M:g} m outside the level "
-            f"({low:g} to {high:g} m)",
-            "give metres in the level's frame, or correct the level's extent",
-        )

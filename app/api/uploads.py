@@ -15,16 +15,15 @@ from app.api.frames import to_android
 from app.api.plausibility import (
     SEGMENT_LIMITS,
     WALK_LIMITS,
-    Extent,
     UploadLimits,
     check_samples,
-    check_waypoints,
     check_wifi,
 )
 from app.api.schemas.base import In
 from app.api.schemas.samples import Frame, SamplesIn, SegmentIn, VectorIn, WalkIn, WifiIn
 from app.api.structure import SEGMENT_BOUNDS, Bounds
 from app.api.validation import field_errors
+from app.api.waypoints import Extent, check_waypoints
 from app.engine.types import Float64Array, ImuSamples, RadioScans, Waypoints
 from app.services.records import NewSegment, NewWalk
 
