@@ -23,6 +23,8 @@ class IntegrityPolicy:
         Applied to the particles' covariance so that the 95 % ellipse holds what it claims.
     cold_scale : float
         Further factor while the start is searched: a cloud narrows faster than it learns.
+    smoothed_scale : float
+        Further factor for smoothed fixes: the lines of particles merge going back.
     settle_m : float
         A spread (major semi-axis, one sigma) below this counts as one place.
     insufficient_m : float
@@ -41,6 +43,7 @@ class IntegrityPolicy:
     covariance_scale: float = 1.1
     covariance_floor: float = 0.5
     cold_scale: float = 4.0
+    smoothed_scale: float = 1.4
     settle_m: float = 5.0
     insufficient_m: float = 8.0
     sure_m: float = 2.2

@@ -62,6 +62,7 @@ def _trace_back(
 ) -> tuple[Fix, ...]:
     if not steps or session.track is None:
         return ()
+    policy = replace(tracker.policy, covariance_scale=tracker.policy.covariance_scale * tracker.policy.smoothed_scale)
     index = np.arange(weights.shape[0])
     weights = weights / weights.sum()
     fixes: list[Fix] = []
@@ -79,7 +80,7 @@ def _trace_back(
             cov_xy=float(weights @ ((x - mx) * (y - my))),
             cov_yy=float(weights @ (y - my) ** 2),
         )
-        cov_xx, cov_xy, cov_yy = calibrate(estimate, session.track.integrity, tracker.policy)
+        cov_xx, cov_xy, cov_yy = calibrate(estimate, session.track.integrity, policy)
         verdict = judge(estimate, session.track.integrity, tracker.policy)
         fixes.append(
             replace(
