@@ -123,6 +123,9 @@ def test_a_worker_process_gives_the_same_fixes_as_this_one(
     there = pool.submit(LocateSegment(read_pickled_map), spec, affinity="hash-of-file").result(120)
     here = LocateSegment(read_pickled_map)(spec, no_progress)
     assert (there.state, there.fixes) == (here.state, here.fixes)
+    whole = replace(smooth_spec(), maps=spec.maps)
+    smoothed = pool.submit(SmoothSession(read_pickled_map), whole, affinity="hash-of-file").result(120)
+    assert smoothed.fixes == SmoothSession(read_pickled_map)(whole, no_progress).fixes
 
 
 def read_pickled_map(path: Path) -> GridMap:
