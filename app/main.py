@@ -28,7 +28,7 @@ from app.workers.kinds import build_work, segment_work
 from app.workers.pools import InlineExecutor, ThreadExecutor
 from app.workers.processes import ProcessExecutor
 from app.workers.runner import JobRunner, Lane
-from app.workers.tasks import LocateSegment, build_level_map
+from app.workers.tasks import LocateSegment, SmoothSession, build_level_map
 
 Pool = InlineExecutor | ThreadExecutor | ProcessExecutor
 
@@ -85,6 +85,7 @@ class Application:
             cache=FileMapCache(settings.map_cache_dir, max_bytes=settings.map_cache_bytes),
             listener=events,
             locate_task=locate,
+            smooth_task=SmoothSession(open_map, settings.maps_per_worker),
             max_queued=settings.max_queued_jobs,
         )
         self.runner = self._make_runner(events, locate)

@@ -26,6 +26,7 @@ Lifespan = Callable[[FastAPI], AbstractAsyncContextManager[None]]
 
 _LARGE_UPLOADS = 2
 _LOCATES = 16
+_SMOOTHINGS = 1
 
 
 def create_api(
@@ -66,6 +67,7 @@ def create_api(
         clock=clock,
         uploads=anyio.CapacityLimiter(_LARGE_UPLOADS),
         locates=anyio.CapacityLimiter(_LOCATES),
+        smoothings=anyio.CapacityLimiter(_SMOOTHINGS),
     )
     routers = (*ROUTERS, docs_page.router)
     for router in routers:

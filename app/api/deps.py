@@ -38,6 +38,8 @@ class Context:
     """How many large uploads are decoded at once: each may hold several times its size in memory."""
     locates: anyio.CapacityLimiter
     """How many one-shot locations may block a thread at once."""
+    smoothings: anyio.CapacityLimiter
+    """How many trajectories are smoothed at once: each keeps a worker busy for seconds."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,7 +17,8 @@ from app.services.processing import ProcessingService
 from app.services.sessions import SessionService
 from app.services.stats import StatsService
 from app.services.surveys import SurveyService
-from app.services.tasks import LocateTask
+from app.services.tasks import LocateTask, SmoothTask
+from app.services.trajectories import TrajectoryService
 from app.services.venues import VenueService
 
 DEFAULT_MAX_QUEUED = 10_000
@@ -33,6 +34,7 @@ class Services:
     maps: MapService
     sessions: SessionService
     locate: LocateService
+    trajectories: TrajectoryService
     jobs: JobService
     processing: ProcessingService
     accounts: AccountService
@@ -48,13 +50,14 @@ def build_services(
     cache: MapCache,
     listener: JobListener,
     locate_task: LocateTask,
+    smooth_task: SmoothTask,
     max_queued: int = DEFAULT_MAX_QUEUED,
     check: MethodCheck = check_method,
 ) -> Services:
     """Wire the use cases.
 
-    ``locate_task`` is what workers run for a one-shot location (``app.workers.tasks.locate_segment``): the use
-    cases know that it exists, not where it lives.
+    ``locate_task`` is what workers run for a one-shot location, ``smooth_task`` for a smoothed trajectory
+    (``app.workers.tasks``): the use cases know that they exist, not where they live.
     """
     return Services(
         venues=VenueService(uow=uow, clock=clock),
@@ -65,6 +68,7 @@ def build_services(
             uow=uow, clock=clock, cache=cache, listener=listener, max_queued=max_queued, check=check
         ),
         locate=LocateService(uow=uow, clock=clock, executor=executor, cache=cache, task=locate_task, check=check),
+        trajectories=TrajectoryService(uow=uow, clock=clock, executor=executor, cache=cache, task=smooth_task),
         jobs=JobService(uow=uow, clock=clock, listener=listener),
         processing=ProcessingService(uow=uow, clock=clock, cache=cache),
         accounts=AccountService(uow=uow, clock=clock),

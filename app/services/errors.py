@@ -7,7 +7,8 @@
     ├── ConflictError         the thing exists but its state forbids this
     │   ├── SequenceConflictError   this ``seq`` was sent before with other content
     │   ├── SequenceGapError        an earlier ``seq`` is missing (says which is expected)
-    │   └── SessionClosedError
+    │   ├── SessionClosedError
+    │   └── NotSmoothableError      the session has no smoothed trajectory (names the field and the remedy)
     ├── InvalidError          a field that cannot be accepted (names the field and the remedy)
     ├── NoMapError            the level has no map yet (says how to get one)
     ├── ForbiddenError        the key lacks a scope
@@ -55,6 +56,16 @@ class SessionClosedError(ConflictError):
 
     def __init__(self, session_id: str) -> None:
         super().__init__(f"session {session_id} is closed; open a new session")
+
+
+class NotSmoothableError(ConflictError):
+    """The session's trajectory cannot be smoothed; ``field`` names what of the session stands against it."""
+
+    def __init__(self, field: str, message: str, remedy: str) -> None:
+        super().__init__(f"{field}: {message}; {remedy}")
+        self.field = field
+        self.message = message
+        self.remedy = remedy
 
 
 class InvalidError(ServiceError):

@@ -248,6 +248,16 @@ class Position:
 
 
 @dataclass(frozen=True, slots=True)
+class Trajectory:
+    """A session's smoothed trajectory, one fix per step."""
+
+    session_id: str
+    map_id: str
+    method: str
+    fixes: tuple[Fix, ...]
+
+
+@dataclass(frozen=True, slots=True)
 class Located:
     """Result of a one-shot location."""
 

@@ -46,6 +46,26 @@ class LocateResult:
 
 
 @dataclass(frozen=True, slots=True)
+class SmoothSpec:
+    """Smooth the trajectory of a session over all these segments, oldest first."""
+
+    method: str
+    parameters: Mapping[str, object]
+    prior: Prior
+    seed: int
+    segments: tuple[Segment, ...]
+    maps: tuple[MapRef, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class SmoothResult:
+    """The smoothed fixes, one per step."""
+
+    fixes: tuple[Fix, ...]
+    cpu_s: float
+
+
+@dataclass(frozen=True, slots=True)
 class BuildSpec:
     """Build a map of one level."""
 
@@ -64,4 +84,5 @@ class BuildResult:
 
 
 LocateTask = Callable[[LocateSpec, Progress], LocateResult]
+SmoothTask = Callable[[SmoothSpec, Progress], SmoothResult]
 BuildTask = Callable[[BuildSpec, Progress], BuildResult]

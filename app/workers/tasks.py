@@ -13,11 +13,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from threading import Lock
 
-from app.engine.errors import MapError
+from app.engine.errors import InputError, MapError
+from app.engine.localization.particle import ParticleTracker
 from app.engine.localization.registry import create_tracker
+from app.engine.localization.smoothing import smooth_session
 from app.engine.mapping import build_map
 from app.engine.types import GridMap, Progress
-from app.services.tasks import BuildResult, BuildSpec, LocateResult, LocateSpec, MapRef
+from app.services.tasks import BuildResult, BuildSpec, LocateResult, LocateSpec, MapRef, SmoothResult, SmoothSpec
 
 MapOpener = Callable[[Path], GridMap]
 
@@ -82,6 +84,24 @@ class LocateSegment:
         state = tracker.start(spec.prior, seed=spec.seed) if spec.state is None else spec.state
         state, fixes = tracker.step(state, spec.segment, SpecMaps(spec.maps, self.open_map, self.keep_maps))
         return LocateResult(state=state, fixes=fixes, cpu_s=time.thread_time() - started)
+
+
+@dataclass(frozen=True, slots=True)
+class SmoothSession:
+    """Smooths a session's trajectory over all its segments."""
+
+    open_map: MapOpener
+    keep_maps: int = 16
+
+    def __call__(self, spec: SmoothSpec, progress: Progress) -> SmoothResult:  # noqa: ARG002 - somebody waits anyway
+        """Go through all segments and back; the same spec always gives the same result."""
+        started = time.thread_time()
+        tracker = create_tracker(spec.method, spec.parameters)
+        if not isinstance(tracker, ParticleTracker):
+            raise InputError("method", f"{spec.method!r} has no smoother; only {ParticleTracker.method!r} has one")
+        maps = SpecMaps(spec.maps, self.open_map, self.keep_maps)
+        fixes = smooth_session(tracker, spec.prior, spec.segments, maps, seed=spec.seed)
+        return SmoothResult(fixes=fixes, cpu_s=time.thread_time() - started)
 
 
 def build_level_map(spec: BuildSpec, progress: Progress) -> BuildResult:

@@ -25,6 +25,7 @@ from tests.support.builders import (
     CallingExecutor,
     SteppingClock,
     answer_locate,
+    answer_smooth,
     grid_map,
     map_build,
     new_walk,
@@ -118,6 +119,7 @@ class Api:
             cache=FileMapCache(folder / "maps"),
             listener=self.events,
             locate_task=answer_locate,
+            smooth_task=answer_smooth,
             max_queued=max_queued,
         )
         self.worker.services, self.worker.events = self.services, self.events

@@ -58,6 +58,7 @@ TABLE = {
     "GET /v1/sessions/{session_id}/segments": LOCATE,
     "GET /v1/sessions/{session_id}/segments/{seq}": LOCATE,
     "GET /v1/sessions/{session_id}/positions": LOCATE,
+    "GET /v1/sessions/{session_id}/trajectory": LOCATE,
     "POST /v1/locate": LOCATE,
     "GET /v1/jobs": ANY,
     "GET /v1/jobs/{job_id}": ANY,

@@ -38,6 +38,11 @@ class Client:
     def __init__(self, http: httpx.AsyncClient, key: str) -> None:
         self._http, self._headers = http, {"X-API-Key": key, "Prefer": "wait=30"}
 
+    async def read(self, path: str) -> Any:
+        response = await self._http.get(path, headers=self._headers)
+        assert response.is_success, response.text
+        return response.json()
+
     async def send(self, path: str, body: dict[str, Any], *, binary: bool = False) -> Any:
         if binary:
             headers = {**self._headers, "Content-Type": "application/msgpack"}
@@ -48,7 +53,7 @@ class Client:
         return response.json()
 
 
-async def walk_through(folder: Path, capsys: pytest.CaptureFixture[str]) -> tuple[dict[str, Any], list[dict[str, Any]]]:
+async def walk_through(folder: Path, capsys: pytest.CaptureFixture[str]) -> tuple[Any, list[Any], Any]:
     floor = open_ilc20(SAMPLES).level("site1-F2")
     x_min, y_min, x_max, y_max = floor.extent
     app = create_app(Settings(data_dir=folder, pool=PoolKind.INLINE, workers=1))
@@ -74,19 +79,28 @@ async def walk_through(folder: Path, capsys: pytest.CaptureFixture[str]) -> tupl
                 )
                 for seq, part in enumerate(cut(walked.samples)[:6])
             ]
-            return job, answers
+            return job, answers, await client.read(f"/v1/sessions/{session['id']}/trajectory")
 
 
 def test_from_survey_to_positions(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    job, answers = asyncio.run(walk_through(tmp_path, capsys))
+    job, answers, trajectory = asyncio.run(walk_through(tmp_path, capsys))
     assert (job["state"], job["error"]) == ("done", None)
     assert [answer["state"] for answer in answers] == ["done"] * len(answers)
     walked = open_ilc20(SAMPLES).level("site1-F2").walks("train")[0]
     t_ms = np.concatenate([answer["fixes"]["t_ms"] for answer in answers])
     xy = np.stack([np.concatenate([answer["fixes"][axis] for answer in answers]) for axis in "xy"])
-    points = walked.waypoints
-    truth = np.stack([np.interp(t_ms / 1000.0, points.t, values) for values in (points.x, points.y)])
+
+    def errors(t_ms: Any, xy: Any) -> Any:
+        points = walked.waypoints
+        truth = [np.interp(np.array(t_ms) / 1000.0, points.t, values) for values in (points.x, points.y)]
+        return np.hypot(*(np.array(xy) - truth))
+
     assert len(t_ms) > 20
     assert all((np.diff(answer["fixes"]["t_ms"]) > 0).all() for answer in answers)
     # a walk the map was built from: coarse, but no unit, axis or clock can be wrong on the way
-    assert np.median(np.hypot(*(xy - truth))) < 5.0
+    assert np.median(errors(t_ms, xy)) < 5.0
+    smooth = trajectory["fixes"]
+    assert (trajectory["kind"], trajectory["method"]) == ("smoothed", "particle")
+    # a fix per step: those of the moment but for the one that ends each segment
+    assert set(smooth["t_ms"]) == {t for answer in answers for t in answer["fixes"]["t_ms"][:-1]}
+    assert np.median(errors(smooth["t_ms"], (smooth["x"], smooth["y"]))) < 5.0

@@ -127,8 +127,15 @@ def test_a_session_from_first_to_last(service: Service, surveyed: Surveyed, walk
         assert fixes.ellipse95(-1).semi_major_m == pytest.approx(last.ellipse95.semi_major_m, abs=2e-3)
         assert len(session.positions(seq=1)) == len(results[1].fixes or ())
         assert [info.seq for info in client.segments(session.id)] == list(range(len(results)))
+        smoothed = session.trajectory()
+        assert len(smoothed) > 10
+        assert set(smoothed.t_ms) <= set(fixes.t_ms)
         with pytest.raises(isodyn.SessionClosedError):
             session.send(samples)
+        other = client.create_session(surveyed.level_id, method="dead_reckoning")
+        with pytest.raises(isodyn.ConflictError) as caught:
+            client.trajectory(other.id)
+        assert caught.value.field == "method"
 
 
 def first_wifi(walk: RecordedWalk, samples: isodyn.Samples) -> isodyn.WifiScans | None:

@@ -344,3 +344,17 @@ def test_smoothing_beats_tracking(walk: SimulatedWalk, field_map: GridMap) -> No
     assert np.mean(after) < np.mean(before)
     assert np.median(errors(list(smooth), walk, 0.0)) < 1.0
     assert smooth_session(tracker, prior, [], OneMap(field_map), seed=1) == ()
+
+
+def test_smoothing_does_not_follow_particles_across_a_gap(walk: SimulatedWalk, field_map: GridMap) -> None:
+    """Nobody knows where a walker went meanwhile: what comes after a gap says nothing about what came before."""
+    pieces = cut(walk.samples, seconds=10.0)[:2]
+    prior = Prior("sim", 2.0, 4.5, 3.0)
+    tracker, source = ParticleTracker(), OneMap(field_map)
+    alone = smooth_session(tracker, prior, [Segment(pieces[0])], source, seed=1)
+    for gap_s in (4.0, 600.0):
+        later = replace(pieces[1], t=pieces[1].t + gap_s)
+        both = smooth_session(tracker, prior, [Segment(pieces[0]), Segment(later)], source, seed=1)
+        assert both[: len(alone)] == alone
+        assert len(both) > len(alone)
+        assert (np.diff([fix.t for fix in both]) > 0).all()

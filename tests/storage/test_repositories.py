@@ -370,6 +370,28 @@ def test_segments(database: Database) -> None:
         assert uow.sessions.load_segment("ses_1", 1).wifi is None
 
 
+def test_samples_of_all_done_segments_come_oldest_first(database: Database) -> None:
+    write(database, add_session, *(lambda uow, seq=seq: add_segment(uow, seq) for seq in range(2)))
+    new = replace(new_segment(2), wifi=scans())
+    write(database, lambda uow: uow.jobs.add(queued_job("job_2", seq=2)))
+    write(database, lambda uow: uow.sessions.add_segment("ses_1", new, "job_2", LATER))
+    write(database, *(lambda uow, seq=seq: add_segment(uow, seq) for seq in (3, 4)))
+    with database() as uow:
+        assert list(uow.sessions.load_segments("ses_1", 9)) == []
+    ends = {0: JobState.DONE, 1: JobState.FAILED, 2: JobState.DONE, 3: JobState.DONE}
+    for seq, state in ends.items():
+        write(database, lambda uow: uow.jobs.claim(limit=1, now=LATER))
+        write(database, lambda uow, seq=seq, state=state: uow.jobs.finish(f"job_{seq}", state, LATER))
+    with database() as uow:
+        loaded = uow.sessions.load_segments("ses_1", 9)
+        starts = [new_segment(seq).samples.t[0] for seq in (0, 2, 3)]
+        assert [segment.samples.t[0] for segment in loaded] == starts
+        np.testing.assert_array_equal(loaded[1].samples.mag, new.samples.mag)
+        assert [segment.wifi is None for segment in loaded] == [True, False, True]
+        assert [segment.samples.t[0] for segment in uow.sessions.load_segments("ses_1", 2)] == starts[:2]
+        assert list(uow.sessions.load_segments("ses_2", 9)) == []
+
+
 def test_a_segment_out_of_turn_is_not_stored(database: Database) -> None:
     write(database, add_session, lambda uow: add_segment(uow, 0))
     for seq in (0, 2):

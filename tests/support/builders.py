@@ -42,7 +42,7 @@ from app.services.records import (
     Session,
     VenueKind,
 )
-from app.services.tasks import BuildResult, LocateResult, LocateSpec
+from app.services.tasks import BuildResult, LocateResult, LocateSpec, SmoothResult, SmoothSpec
 from app.storage import Database, FileMapCache
 
 Spec = TypeVar("Spec")
@@ -223,6 +223,13 @@ def answer_locate(spec: LocateSpec, progress: Progress) -> LocateResult:
     return LocateResult(TrackerState(spec.method, payload, float(chunk.t[-1])), fixes, cpu_s=0.0)
 
 
+def answer_smooth(spec: SmoothSpec, progress: Progress) -> SmoothResult:
+    """A smoothing task without an engine: one fix per segment that carries the spec's seed."""
+    level_id = spec.prior.level_id
+    fixes = tuple(fix(float(s.samples.t[0]), level_id=level_id, x=spec.seed % 1000) for s in spec.segments)
+    return SmoothResult(fixes, cpu_s=0.0)
+
+
 def check_known_method(method: str, parameters: Mapping[str, object]) -> None:
     """A method check without an engine."""
     if method not in ("particle", "dead_reckoning"):
@@ -267,6 +274,7 @@ class World:
             cache=map_cache,
             listener=listener,
             locate_task=answer_locate,
+            smooth_task=answer_smooth,
             max_queued=max_queued,
             check=check_known_method,
         )

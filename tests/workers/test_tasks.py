@@ -10,11 +10,11 @@ import pytest
 from app.engine.errors import InputError, MapError
 from app.engine.mapping import build_map
 from app.engine.types import GridMap, ImuSamples, MapBuildSettings, Prior, Segment
-from app.services.tasks import BuildSpec, LocateSpec, MapRef
+from app.services.tasks import BuildSpec, LocateSpec, MapRef, SmoothSpec
 from app.storage.map_cache import open_map
 from app.workers.bootstrap import warm_up
 from app.workers.processes import ProcessExecutor
-from app.workers.tasks import LocateSegment, OpenMaps, SpecMaps, build_level_map
+from app.workers.tasks import LocateSegment, OpenMaps, SmoothSession, SpecMaps, build_level_map
 from tests.e2e.synthetic import EXTENT, survey_walks, trip
 from tests.workers.conftest import type_makes
 
@@ -84,8 +84,32 @@ def test_an_unknown_method_is_an_input_error(grid_map: GridMap) -> None:
         task(replace(specs(n=1)[0], method="guess"), no_progress)
 
 
-def test_the_task_crosses_a_process_boundary() -> None:
-    task = LocateSegment(open_map, keep_maps=3)
+def smooth_spec() -> SmoothSpec:
+    first, *rest = specs()
+    segments = tuple(spec.segment for spec in (first, *rest))
+    return SmoothSpec("particle", {}, first.prior, 42, segments, first.maps)
+
+
+def test_a_session_is_smoothed_from_all_its_segments(grid_map: GridMap) -> None:
+    task, walk = SmoothSession(Shelf({ref(0).path: grid_map}, []).open), trip(3, t0=1.75e9)
+    result = task(smooth_spec(), no_progress)
+    assert result.cpu_s > 0
+    at = np.searchsorted(walk.samples.t, [fix.t for fix in result.fixes])
+    errors = [np.hypot(fix.x - walk.x[i], fix.y - walk.y[i]) for fix, i in zip(result.fixes, at, strict=True)]
+    assert len(errors) > 20
+    assert np.median(errors) < 1.0
+    assert task(smooth_spec(), no_progress).fixes == result.fixes
+
+
+def test_a_method_without_a_smoother_is_an_input_error(grid_map: GridMap) -> None:
+    task = SmoothSession(Shelf({ref(0).path: grid_map}, []).open)
+    with pytest.raises(InputError, match="method"):
+        task(replace(smooth_spec(), method="dead_reckoning"), no_progress)
+
+
+@pytest.mark.parametrize("kind", [LocateSegment, SmoothSession])
+def test_the_task_crosses_a_process_boundary(kind: type[LocateSegment] | type[SmoothSession]) -> None:
+    task = kind(open_map, keep_maps=3)
     assert pickle.loads(pickle.dumps(task)) == task
 
 
@@ -99,6 +123,9 @@ def test_a_worker_process_gives_the_same_fixes_as_this_one(
     there = pool.submit(LocateSegment(read_pickled_map), spec, affinity="hash-of-file").result(120)
     here = LocateSegment(read_pickled_map)(spec, no_progress)
     assert (there.state, there.fixes) == (here.state, here.fixes)
+    whole = replace(smooth_spec(), maps=spec.maps)
+    smoothed = pool.submit(SmoothSession(read_pickled_map), whole, affinity="hash-of-file").result(120)
+    assert smoothed.fixes == SmoothSession(read_pickled_map)(whole, no_progress).fixes
 
 
 def read_pickled_map(path: Path) -> GridMap:

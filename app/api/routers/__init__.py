@@ -14,6 +14,7 @@ from app.api.routers import (
     sessions,
     stats,
     surveys,
+    trajectories,
     venues,
 )
 
@@ -27,6 +28,7 @@ ROUTERS = (
     sessions.router,
     segments.router,
     positions.router,
+    trajectories.router,
     locate.router,
     jobs.router,
     methods.router,

@@ -6,11 +6,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from app.engine.filtering import Advance
+from app.engine.inertial import gap_before
 from app.engine.localization.integrity import calibrate, judge
 from app.engine.localization.particle import ParticleTracker, SessionState
-from app.engine.types import Fix, Float64Array, IntArray, MapSource, Prior, Segment
+from app.engine.types import Fix, Float32Array, Float64Array, MapSource, Prior, Segment
 
 SMOOTHING_PARTICLES = 6000
 
@@ -20,9 +22,9 @@ class _Step:
     """One step of the forward pass: positions before resampling, and where the next step's particles came from."""
 
     fix: Fix
-    x: Float64Array
-    y: Float64Array
-    ancestors: IntArray | None
+    x: Float32Array
+    y: Float32Array
+    ancestors: NDArray[np.int32] | None
 
 
 def smooth_session(
@@ -31,9 +33,10 @@ def smooth_session(
     """Smoothed fixes, one per step: positions that use the samples on both sides of their time.
 
     The genealogy of the particles is followed back from the end (Kitagawa 1996, doi:10.2307/1390750). Lines merge going
-    back, so more particles are used than for tracking.
+    back, so more particles are used than for tracking. After a gap between segments the filter draws its particles
+    anew, so nothing is followed across it: each stretch between gaps is smoothed for itself.
     """
-    n = max(SMOOTHING_PARTICLES, tracker.parameters.particles)
+    n = SMOOTHING_PARTICLES  # whatever tracking uses: half an hour of them takes 200 MB
     wide = ParticleTracker(
         replace(tracker.parameters, particles=n, cold_particles=n),  # one number throughout: lines must not break
         tracker.noise,
@@ -41,20 +44,26 @@ def smooth_session(
         tracker.policy,
     )
     session = SessionState(prior, seed)
+    fixes: list[Fix] = []
     steps: list[_Step] = []
     weights: Float64Array = np.empty(0)
     for segment in segments:
+        if session.track is not None and gap_before(session.track.pedestrian, segment.samples) > 0.0:
+            fixes += _trace_back(wide, steps, weights, session)
+            steps = []
         for fix, moved in wide.walk(session, segment, map_source):
             if moved is None:
                 continue
             steps.append(_record(fix, moved))
             weights = moved.weighted.p[14].astype(np.float64)
-    return _trace_back(wide, steps, weights, session)
+    return (*fixes, *_trace_back(wide, steps, weights, session))
 
 
 def _record(fix: Fix, moved: Advance) -> _Step:
     p = moved.weighted.p
-    return _Step(fix, p[0].astype(np.float64), p[1].astype(np.float64), moved.ancestors)
+    # As small as they come: half an hour has thousands of steps.
+    ancestors = None if moved.ancestors is None else moved.ancestors.astype(np.int32)
+    return _Step(fix, p[0].copy(), p[1].copy(), ancestors)
 
 
 def _trace_back(
@@ -63,14 +72,14 @@ def _trace_back(
     if not steps or session.track is None:
         return ()
     policy = replace(tracker.policy, covariance_scale=tracker.policy.covariance_scale * tracker.policy.smoothed_scale)
-    index = np.arange(weights.shape[0])
+    index = np.arange(weights.shape[0], dtype=np.int32)
     weights = weights / weights.sum()
     fixes: list[Fix] = []
     for k in range(len(steps) - 1, -1, -1):
         step = steps[k]
         if k < len(steps) - 1 and step.ancestors is not None:
             index = step.ancestors[index]
-        x, y = step.x[index], step.y[index]
+        x, y = step.x[index].astype(np.float64), step.y[index].astype(np.float64)
         mx, my = float(weights @ x), float(weights @ y)
         estimate = replace(
             session.track.estimate,

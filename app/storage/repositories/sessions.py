@@ -40,6 +40,14 @@ _INSERT_SAMPLES = insert(segment_samples)
 _LOAD_SEGMENT = select(segment_samples.c.samples, segment_samples.c.wifi).where(
     segment_samples.c.session_id == _ID, segment_samples.c.seq == _SEQ
 )
+_LOAD_DONE_SEGMENTS = (
+    select(segment_samples.c.samples, segment_samples.c.wifi)
+    .join(segments, (segments.c.session_id == segment_samples.c.session_id) & (segments.c.seq == segment_samples.c.seq))
+    .join(jobs, jobs.c.id == segments.c.job_id)
+    .where(segment_samples.c.session_id == _ID, jobs.c.state == JobState.DONE.value)
+    .order_by(segment_samples.c.seq)
+    .limit(bindparam("count"))
+)
 _GET_STATE = select(tracker_states).where(tracker_states.c.session_id == _ID)
 _UPDATE_STATE = (
     update(tracker_states)
@@ -148,7 +156,12 @@ class SqlSessionRepository(Repository):
     def load_segment(self, session_id: str, seq: int) -> Segment:
         """Samples of a segment."""
         row = self._one("segment", f"{session_id}/{seq}", _LOAD_SEGMENT, {"session": session_id, "number": seq})
-        return Segment(decode_samples(row.samples), None if row.wifi is None else decode_scans(row.wifi))
+        return _samples(row)
+
+    def load_segments(self, session_id: str, limit: int) -> Sequence[Segment]:
+        """Samples of the first ``limit`` segments whose job is done, oldest first."""
+        rows = self._read(_LOAD_DONE_SEGMENTS, {"session": session_id, "count": limit})
+        return tuple(_samples(row) for row in rows)
 
     def state(self, session_id: str) -> TrackerState | None:
         """Tracker state after the last processed segment; None before the first."""
@@ -228,6 +241,10 @@ def _segment(row: Row[Any]) -> SegmentInfo:
         received_at=row.received_at,
         processed_at=row.processed_at,
     )
+
+
+def _samples(row: Row[Any]) -> Segment:
+    return Segment(decode_samples(row.samples), None if row.wifi is None else decode_scans(row.wifi))
 
 
 def _columns(session_id: str, number: int, seq: int, fix: Fix) -> dict[str, Any]:

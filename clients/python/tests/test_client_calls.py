@@ -235,6 +235,29 @@ def test_positions_are_gathered_from_all_pages(service: FakeService, client: Cli
     assert service.requests[1].url.params["cursor"] == "2"
 
 
+TRAJECTORY = {"session_id": "ses_1", "map_id": "map_1", "method": "particle", "kind": "smoothed", "fixes": FIXES}
+
+
+def test_the_trajectory_of_a_session_is_arrays(service: FakeService, client: Client) -> None:
+    service.will(ok(SESSION), ok(TRAJECTORY), ok(TRAJECTORY | {"kind": "causal"}))
+    session = client.resume_session("ses_1")
+    fixes = session.trajectory()
+    assert service.requests[1].url.path == "/v1/sessions/ses_1/trajectory"
+    np.testing.assert_array_equal(fixes.xy, [[1.0, 3.0], [2.0, 4.0]])
+    with pytest.raises(UnexpectedAnswerError):
+        client.trajectory("ses_1")
+
+
+def test_the_trajectory_awaited(service: FakeService) -> None:
+    async def run() -> int:
+        async with service.async_client() as client:
+            session = await client.resume_session("ses_1")
+            return len(await session.trajectory())
+
+    service.will(ok(SESSION), ok(TRAJECTORY))
+    assert asyncio.run(run()) == 2
+
+
 MAP = {
     "id": "map_1", "level_id": "lev_1", "version": 3, "hash": "ab", "features": "vector", "x0": 0.0, "y0": 1.0,
     "cell_m": 0.5, "rows": 2, "columns": 3, "mapped_m": 1.5, "noise_sd": [1, 1, 1], "mapped_share": 0.4,

@@ -200,6 +200,7 @@ class AsyncClient:
     wait_for_segment = _flow(Flows.wait_for_segment)
     positions = _flow(Flows.positions)
     positions_geojson = _call(endpoints.positions_geojson)
+    trajectory = _call(endpoints.trajectory)
     locate = _call(endpoints.locate)
 
     job = _call(endpoints.job)
@@ -280,6 +281,10 @@ class AsyncSession:
     async def positions(self, *, seq: int | None = None) -> Fixes:
         """All fixes so far (or those of one segment) as arrays."""
         return await self._client.positions(self.id, seq=seq)
+
+    async def trajectory(self) -> Fixes:
+        """The smoothed trajectory from all segments processed so far: better than positions, but only afterwards."""
+        return await self._client.trajectory(self.id)
 
     async def close(self) -> SessionInfo:
         """Close the session; closing twice does no harm."""

@@ -206,6 +206,7 @@ class Client:
     wait_for_segment = _flow(Flows.wait_for_segment)
     positions = _flow(Flows.positions)
     positions_geojson = _call(endpoints.positions_geojson)
+    trajectory = _call(endpoints.trajectory)
     locate = _call(endpoints.locate)
 
     job = _call(endpoints.job)
@@ -290,6 +291,10 @@ class Session:
     def positions(self, *, seq: int | None = None) -> Fixes:
         """All fixes so far (or those of one segment) as arrays."""
         return self._client.positions(self.id, seq=seq)
+
+    def trajectory(self) -> Fixes:
+        """The smoothed trajectory from all segments processed so far: better than positions, but only afterwards."""
+        return self._client.trajectory(self.id)
 
     def close(self) -> SessionInfo:
         """Close the session; closing twice does no harm."""

@@ -21,7 +21,7 @@ from isodyn_client.calls import (
 )
 from isodyn_client.encoding import Encoding, json_body, raw_body, samples_body
 from isodyn_client.errors import UnexpectedAnswerError
-from isodyn_client.fixes import Coverage, CoverageRuns, FieldRaster
+from isodyn_client.fixes import Coverage, CoverageRuns, FieldRaster, Fixes
 from isodyn_client.models import (
     Anchor,
     ApiKey,
@@ -45,7 +45,7 @@ from isodyn_client.models import (
     VenueKind,
     Walk,
 )
-from isodyn_client.results import LocateResult, PositionPage, SegmentInfo, SegmentResult
+from isodyn_client.results import LocateResult, PositionPage, SegmentInfo, SegmentResult, Trajectory
 from isodyn_client.samples import Samples, Waypoints, WifiScans
 
 T = TypeVar("T", bound=BaseModel)
@@ -370,6 +370,13 @@ def positions_geojson(session_id: str, *, seq: int | None = None) -> Call[bytes]
         params=present({"seq": seq, "limit": 500}),
         headers={"Accept": "application/geo+json"},
     )
+
+
+def trajectory(session_id: str) -> Call[Fixes]:
+    """The smoothed trajectory of a session, for afterwards: one fix per step, from the samples before and after it."""
+    read = as_model(Trajectory)
+    path = f"/v1/sessions/{session_id}/trajectory"
+    return Call("GET", path, lambda response: read(response).fixes, wait_s=120.0)
 
 
 def locate(

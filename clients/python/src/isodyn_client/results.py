@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Literal
 
 from pydantic import ConfigDict, PlainValidator
 
@@ -49,6 +49,16 @@ class LocateResult(_WithFixes):
     position: Position | None = None
     map_id: str | None = None
     method: str | None = None
+
+
+class Trajectory(_WithFixes):
+    """A session's smoothed trajectory as it is answered."""
+
+    session_id: str
+    map_id: str
+    method: str
+    kind: Literal["smoothed"]
+    fixes: FixArrays
 
 
 class PositionPage(_WithFixes):

@@ -1,0 +1,47 @@
+"""Smoothed trajectories of sessions."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import Field
+
+from app.api.schemas.base import Out, example
+from app.api.schemas.fixes import FIXES_EXAMPLE, FixesOut, fix_columns
+from app.api.schemas.maps import MAP_ID
+from app.api.schemas.sessions import SESSION_ID
+from app.engine.localization.registry import DEFAULT_METHOD
+from app.services.records import Trajectory
+
+SMOOTHED = "smoothed"
+
+
+class TrajectoryOut(Out):
+    """A session's trajectory from the samples of both sides in time: for afterwards, not for the moment."""
+
+    model_config = example(
+        {
+            "session_id": SESSION_ID,
+            "map_id": MAP_ID,
+            "method": DEFAULT_METHOD,
+            "kind": SMOOTHED,
+            "fixes": FIXES_EXAMPLE,
+        }
+    )
+
+    session_id: str
+    map_id: Annotated[str, Field(description="The map version of the session.")]
+    method: str
+    kind: Annotated[Literal["smoothed"], Field(description="Not what was answered in the moment: see `positions`.")]
+    fixes: Annotated[FixesOut, Field(description="One per step.")]
+
+
+def trajectory_object(trajectory: Trajectory) -> dict[str, Any]:
+    """Return the answer as plain values, the shape of TrajectoryOut."""
+    return {
+        "session_id": trajectory.session_id,
+        "map_id": trajectory.map_id,
+        "method": trajectory.method,
+        "kind": SMOOTHED,
+        "fixes": fix_columns(trajectory.fixes),
+    }
