@@ -40,10 +40,10 @@ class IntegrityPolicy:
         Metres of walk that usually settle a start.
     """
 
-    covariance_scale: float = 1.1
-    covariance_floor: float = 0.5
+    covariance_scale: float = 1.0
+    covariance_floor: float = 0.3
     cold_scale: float = 4.0
-    smoothed_scale: float = 1.4
+    smoothed_scale: float = 1.5
     settle_m: float = 5.0
     insufficient_m: float = 8.0
     sure_m: float = 2.2
