@@ -42,7 +42,7 @@ def particle_step(features: FeatureSet, n: int) -> float:
     nodes = rng.standard_normal((400, 400, 7)).astype(np.float32)
     nodes[..., 3:5] = 1.0
     nodes[..., 6] = 1.0
-    grid = FilterGrid(features, 0.0, 0.0, 0.5, nodes, (3.0, 3.0), np.zeros(3))
+    grid = FilterGrid(features, 0.0, 0.0, 0.5, nodes, (3.0, 3.0))
     cloud = Cloud.empty(n)
     cloud.p[0], cloud.p[1] = rng.uniform(90, 110, (2, n))
     cloud.p[12:14] = 10.0

@@ -47,3 +47,9 @@ def test_no_particle_counts_twice() -> None:
 def test_a_single_particle_is_a_mode() -> None:
     (mode,) = find_modes(cloud_of((3.0, 4.0, 1), spread=0.0))
     assert (mode.x, mode.y, mode.weight, mode.cov_xx) == (3.0, 4.0, pytest.approx(1.0), 0.0)
+
+
+def test_a_cloud_over_a_continent_is_still_looked_at() -> None:
+    """Cells grow with the spread: two-metre ones over a thousand kilometres would fill terabytes."""
+    first, second = find_modes(cloud_of((0.0, 0.0, 600), (1e6, 1e6, 400)), most=2)
+    assert (first.weight, second.weight) == pytest.approx((0.6, 0.4), abs=1e-3)

@@ -11,6 +11,8 @@ from app.engine.filtering.particle import Cloud
 from app.engine.types import BoolArray, Float64Array
 
 _CELL_M = 2.0
+_MAX_CELLS = 500
+"""Per side: a cloud spread over kilometres is looked at with coarser cells."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,6 +36,7 @@ def find_modes(cloud: Cloud, *, radius_m: float = 6.0, most: int = 5, least: flo
     Parameters
     ----------
     radius_m : float
+        At least three cells: the smoothed peak may be a neighbour of the fullest one.
     most : int
         At most so many modes.
     least : float
@@ -42,7 +45,8 @@ def find_modes(cloud: Cloud, *, radius_m: float = 6.0, most: int = 5, least: flo
     x, y = cloud.p[0].astype(np.float64), cloud.p[1].astype(np.float64)
     w = cloud.p[14].astype(np.float64)
     w /= w.sum()
-    columns, rows = ((v - v.min()) // _CELL_M for v in (x, y))
+    cell = max(_CELL_M, float(max(np.ptp(x), np.ptp(y))) / _MAX_CELLS)
+    columns, rows = ((v - v.min()) // cell for v in (x, y))
     c, r = columns.astype(np.int64), rows.astype(np.int64)
     shape = (int(r.max()) + 1, int(c.max()) + 1)
     modes: list[Mode] = []
@@ -51,7 +55,9 @@ def find_modes(cloud: Cloud, *, radius_m: float = 6.0, most: int = 5, least: flo
         weight = np.bincount(r[free] * shape[1] + c[free], weights=w[free], minlength=shape[0] * shape[1])
         smooth = uniform_filter(weight.reshape(shape), 3, mode="constant")
         peak_r, peak_c = np.unravel_index(int(smooth.argmax()), shape)
-        mode = _mode(x, y, w, free, x.min() + (peak_c + 0.5) * _CELL_M, y.min() + (peak_r + 0.5) * _CELL_M, radius_m)
+        mode = _mode(
+            x, y, w, free, x.min() + (peak_c + 0.5) * cell, y.min() + (peak_r + 0.5) * cell, max(radius_m, cell)
+        )
         if mode is None or (modes and mode.weight < least):
             break
         modes.append(mode)

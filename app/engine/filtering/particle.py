@@ -72,8 +72,6 @@ class FilterGrid:
     nodes: Float32Array
     noise_sd: tuple[float, float]
     """Repeatability of the horizontal (or first) channels and of the vertical (or only) one, uT."""
-    level_mean: Float64Array
-    """Mean of the mapped nodes per kernel channel, uT."""
 
     def lookup(self, x: Float64Array, y: Float64Array) -> Float32Array:
         """Nearest node's values, shape (n, 7)."""
@@ -127,13 +125,9 @@ def _lay_out(grid_map: GridMap, features: FeatureSet) -> FilterGrid:
         noises = (noise[0], noise[-1])
     else:
         raise MapError(f"a map of {source.value} features does not serve {features.value}")
-    mapped = grid_map.mapped
-    nodes[..., 5] = mapped
+    nodes[..., 5] = grid_map.mapped
     nodes[..., 6] = _walkability(grid_map)
-    mean = nodes[mapped][:, :3] if mapped.any() else nodes.reshape(-1, 7)[:, :3]
-    return FilterGrid(
-        features, grid_map.x0, grid_map.y0, grid_map.cell_m, nodes, noises, mean.mean(axis=0, dtype=np.float64)
-    )
+    return FilterGrid(features, grid_map.x0, grid_map.y0, grid_map.cell_m, nodes, noises)
 
 
 def _walkability(grid_map: GridMap) -> Float64Array:
@@ -150,8 +144,7 @@ def _walkability(grid_map: GridMap) -> Float64Array:
 
 @dataclass(frozen=True, slots=True)
 class Estimate:
-    """Moments of the particles: position (m), covariance (m^2), direction of motion (rad), share on mapped nodes, and
-    effective share of particles."""
+    """Moments of the particles: position (m), covariance (m^2), direction of motion (rad), share on mapped nodes."""
 
     x: float
     y: float
@@ -160,7 +153,6 @@ class Estimate:
     cov_yy: float
     heading: float
     mapped: float
-    effective: float
 
 
 @dataclass(slots=True)
@@ -273,11 +265,11 @@ def advance_cloud(
         cloud=Cloud(scratch, moved=True) if resampled else weighted,
         weighted=weighted,
         ancestors=ancestors if resampled else None,
-        estimate=_estimate(moments, cloud.n),
+        estimate=_estimate(moments),
     )
 
 
-def _estimate(moments: Float64Array, n: int) -> Estimate:
+def _estimate(moments: Float64Array) -> Estimate:
     return Estimate(
         x=float(moments[1]),
         y=float(moments[2]),
@@ -286,5 +278,4 @@ def _estimate(moments: Float64Array, n: int) -> Estimate:
         cov_yy=float(moments[5]),
         heading=float(np.arctan2(moments[7], moments[6])),
         mapped=float(moments[8]),
-        effective=float(1.0 / (moments[9] * n)),
     )

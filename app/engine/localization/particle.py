@@ -278,5 +278,4 @@ def estimate_equal(cloud: Cloud, grid: FilterGrid) -> Estimate:
         cov_yy=float(cov[1, 1]),
         heading=float(np.angle(np.mean(cloud.p[2] + 1j * cloud.p[3]))),
         mapped=float(grid.lookup(x, y)[:, 5].mean()),
-        effective=1.0,
     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -48,10 +48,6 @@ class Covariance:
     def kernel_parameters(self) -> Float64Array:
         """Parameters as the kernel wants them."""
         return np.array([np.sqrt(3.0) / self.length_m, self.error, 1.0 / self.error_length_m, self.white])
-
-    def with_error(self, error: float) -> Covariance:
-        """The same with another walk error."""
-        return replace(self, error=error)
 
 
 @dataclass(frozen=True, slots=True)
