@@ -55,9 +55,8 @@ def find_modes(cloud: Cloud, *, radius_m: float = 6.0, most: int = 5, least: flo
         weight = np.bincount(r[free] * shape[1] + c[free], weights=w[free], minlength=shape[0] * shape[1])
         smooth = uniform_filter(weight.reshape(shape), 3, mode="constant")
         peak_r, peak_c = np.unravel_index(int(smooth.argmax()), shape)
-        mode = _mode(
-            x, y, w, free, x.min() + (peak_c + 0.5) * cell, y.min() + (peak_r + 0.5) * cell, max(radius_m, cell)
-        )
+        px, py = x.min() + (peak_c + 0.5) * cell, y.min() + (peak_r + 0.5) * cell
+        mode = _mode(x, y, w, free, px, py, max(radius_m, 3.0 * cell))
         if mode is None or (modes and mode.weight < least):
             break
         modes.append(mode)
