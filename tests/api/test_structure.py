@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import gzip
+import math
 import threading
 import time
 import tracemalloc
@@ -32,6 +33,7 @@ from app.api.uploads import LARGE_BYTES, parse
 from tests.api.harness import JSON_TYPE, MSGPACK_TYPE, Api, plain, segment_body
 
 MIB = 2**20
+BOMB_S = 0.3
 
 
 def keys(n: int) -> bytes:
@@ -82,14 +84,19 @@ def test_a_bomb_is_refused_at_once(api: Api, survey_id: str, name: str, what: st
     kind, body = BOMBS[name]
     path = "/v1/sessions/ses_x/segments" if what == "segments" else f"/v1/surveys/{survey_id}/walks"
     sent = gzip.compress(body, 1)
-    started = time.perf_counter()
-    response = api.post(path, content=sent, headers={"Content-Type": kind, "Content-Encoding": "gzip"})
-    seconds = time.perf_counter() - started
+    headers = {"Content-Type": kind, "Content-Encoding": "gzip"}
+    seconds = math.inf
+    for _ in range(5):  # the best of them: another program may have the processor for a while
+        started = time.perf_counter()
+        response = api.post(path, content=sent, headers=headers)
+        seconds = min(seconds, time.perf_counter() - started)
+        if seconds < BOMB_S:
+            break
     assert response.status_code == 422, response.text[:200]
     assert len(response.content) < 16_000
     assert all(error["remedy"] for error in response.json()["errors"])
     # measured: up to 0.1 s, with client and event loop set up for the call
-    assert seconds < 0.3
+    assert seconds < BOMB_S
 
 
 @pytest.mark.parametrize("name", sorted(BOMBS.keys() - {"json few long keys"}))
