@@ -71,7 +71,7 @@ class ServiceTransport:
         """Open a session on ``prior.level_id``."""
         with _translated():
             info = self.client.create_session(
-                prior.level_id, method=method or None, parameters=dict(parameters) or None, prior=prior_of(prior)
+                prior.level_id or "", method=method or None, parameters=dict(parameters) or None, prior=prior_of(prior)
             )
             return info.id
 

@@ -104,11 +104,50 @@ class RadioScans:
 
 
 @dataclass(frozen=True, slots=True)
+class GnssFixes:
+    """Satellite fixes: ``t`` (m,) s, ``x`` and ``y`` (m,) metres in the level frame, ``sd`` (m,) metres per axis."""
+
+    t: Float64Array
+    x: Float64Array
+    y: Float64Array
+    sd: Float64Array
+
+
+@dataclass(frozen=True, slots=True)
+class PressureReadings:
+    """Barometer: ``t`` (m,) s, ``hpa`` (m,) hPa."""
+
+    t: Float64Array
+    hpa: Float64Array
+
+
+@dataclass(frozen=True, slots=True)
+class SpeedReadings:
+    """Speed over ground from wheels or a vehicle bus: ``t`` (m,) s, ``speed`` (m,) m/s, negative backwards."""
+
+    t: Float64Array
+    speed: Float64Array
+
+
+@dataclass(frozen=True, slots=True)
+class StepCounts:
+    """A device's own step counter: ``t`` (m,) s, ``count`` (m,) steps since any moment, never falling."""
+
+    t: Float64Array
+    count: Float64Array
+
+
+@dataclass(frozen=True, slots=True)
 class Segment:
     """One uploaded chunk of a session: samples and optional aids."""
 
     samples: ImuSamples
     wifi: RadioScans | None = None
+    ble: RadioScans | None = None
+    gnss: GnssFixes | None = None
+    pressure: PressureReadings | None = None
+    speed: SpeedReadings | None = None
+    steps: StepCounts | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,6 +184,40 @@ class SurveyWalk:
     waypoints: Waypoints
     wifi: RadioScans | None = None
     device_heading: float | None = None
+    ble: RadioScans | None = None
+
+
+Int8Array = NDArray[np.int8]
+UInt8Array = NDArray[np.uint8]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RadioMap:
+    """Signal strengths of access points and beacons over a level, on a grid coarser than the field's.
+
+    Node ``[r, c]`` lies at ``(x0 + c * cell_m, y0 + r * cell_m)`` in the level frame.
+
+    Attributes
+    ----------
+    x0, y0 : float, m
+    cell_m : float, m
+    addresses : tuple of str, length a
+        Transmitters, sorted.
+    mean : array, shape (a, rows, columns), int8, dBm
+        Expected strength of a reading.
+    sd : array, shape (a, rows, columns), uint8, 0.1 dB
+        Standard deviation of a reading about ``mean``: noise, and what the survey does not tell about the place.
+    seen : array, shape (a, rows, columns), uint8, 1/255
+        Probability that a scan there reports the transmitter.
+    """
+
+    x0: float
+    y0: float
+    cell_m: float
+    addresses: tuple[str, ...]
+    mean: Int8Array
+    sd: UInt8Array
+    seen: UInt8Array
 
 
 @dataclass(frozen=True, slots=True, eq=False, weakref_slot=True)
@@ -173,6 +246,8 @@ class GridMap:
     obstacle : array, shape (rows, columns), float32, m, or None
         How deep a node lies in walls and closed rooms of the floor plan or outside the floor; 0 where people can
         walk. None without a plan.
+    radio : RadioMap or None
+        Signal strengths, where the survey brought radio scans.
     """
 
     level_id: str
@@ -186,6 +261,7 @@ class GridMap:
     mapped_m: float
     noise_sd: tuple[float, ...]
     obstacle: Float32Array | None = None
+    radio: RadioMap | None = None
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -223,30 +299,54 @@ class MapSource(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
+class DeviceCalibration:
+    """What earlier sessions taught about a device, with how well it is known.
+
+    Attributes
+    ----------
+    offset, offset_sd : tuple of three floats, uT
+        Hard iron left by the platform's calibration, levelled device frame (forward, left, up).
+    stride_scale, stride_scale_sd : float
+        Stride of the carrier over that of the stride model.
+    """
+
+    offset: tuple[float, float, float]
+    offset_sd: tuple[float, float, float]
+    stride_scale: float
+    stride_scale_sd: float
+
+
+@dataclass(frozen=True, slots=True)
 class Prior:
     """What is known before the first segment.
 
+    ``level_id`` None means any of the levels that the map source has.
+
     ``x`` and ``y`` are both given (a disc of ``radius_m``, uniform inside) or both None (anywhere on the
     level). ``heading`` is the direction of the device's y axis in the level frame, radians
-    counter-clockwise from +x; None means unknown.
+    counter-clockwise from +x; None means unknown. ``calibration`` is what is known about the device.
     """
 
-    level_id: str
+    level_id: str | None
     x: float | None = None
     y: float | None = None
     radius_m: float = 3.0
     heading: float | None = None
     heading_sd: float = 0.35
+    calibration: DeviceCalibration | None = None
 
     def __post_init__(self) -> None:
         if (self.x is None) != (self.y is None):
             raise InputError("prior", "x and y must be given together or not at all")
+        if self.level_id is None and self.x is not None:
+            raise InputError("prior", "x and y mean nothing without a level")
 
 
 @dataclass(frozen=True, slots=True)
 class Hypothesis:
-    """One of several places that fit: position (m, level frame), covariance (m^2), and its share of the belief."""
+    """One of several places that fit: level, position (m, level frame), covariance (m^2), share of the belief."""
 
+    level_id: str
     x: float
     y: float
     cov_xx: float
@@ -328,6 +428,10 @@ class Tracker(Protocol):
         Fixes are in time order, within a segment and from one to the next. A step takes its peak and 0.3 s to be
         confirmed, so the last fix lies that much before the segment's end.
         """
+        ...
+
+    def learned(self, state: TrackerState) -> DeviceCalibration | None:
+        """What the session so far teaches about the device; None while it is not to be relied on."""
         ...
 
 

@@ -143,7 +143,7 @@ def fix_columns(fixes: Sequence[Fix]) -> dict[str, list[Any]]:
 
 def _hypothesis(h: Hypothesis) -> dict[str, float]:
     digits = {"x": 3, "y": 3, "weight": 4}
-    return {name: round(value, digits.get(name, 6)) for name, value in asdict(h).items()}
+    return {name: round(value, digits.get(name, 6)) for name, value in asdict(h).items() if name != "level_id"}
 
 
 def position_object(fix: Fix) -> dict[str, Any]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import asdict
 from typing import Any
 
 import msgpack
@@ -10,6 +12,7 @@ import numpy as np
 from app.engine.errors import StateError
 from app.engine.inertial import Attitude, LevelledSamples
 from app.engine.inertial.pedestrian import PedestrianState
+from app.engine.types import DeviceCalibration, Prior
 
 VERSION = 1
 
@@ -51,6 +54,25 @@ def pedestrian_state(values: dict[str, Any]) -> PedestrianState:
     t, w, x, y, z, heading = values["attitude"]
     tail = LevelledSamples(values["t"], values["mag"], values["heading"], values["vertical"])
     return PedestrianState(Attitude(t, (w, x, y, z), heading), values["last_step_t"], tail)
+
+
+def prior_values(prior: Prior) -> dict[str, Any]:
+    """A prior as plain values."""
+    return asdict(prior)
+
+
+def prior_from(values: Mapping[str, Any]) -> Prior:
+    """Inverse of :func:`prior_values`; also of its JSON, where tuples come back as lists."""
+    known = values.get("calibration")
+    if known is None:
+        return Prior(**values)
+    calibration = DeviceCalibration(
+        offset=tuple(known["offset"]),
+        offset_sd=tuple(known["offset_sd"]),
+        stride_scale=known["stride_scale"],
+        stride_scale_sd=known["stride_scale_sd"],
+    )
+    return Prior(**{**values, "calibration": calibration})
 
 
 def _encode(value: object) -> dict[str, Any]:

@@ -11,7 +11,18 @@ from app.engine.inertial import PedestrianState, StepEvents, advance, gap_before
 from app.engine.inertial.stride import SPREAD, WEINBERG, weinberg
 from app.engine.localization import codec
 from app.engine.localization.initial import WALKING_M_S
-from app.engine.types import FeatureSet, Fix, Float64Array, GridMap, MapSource, Prior, Segment, Status, TrackerState
+from app.engine.types import (
+    DeviceCalibration,
+    FeatureSet,
+    Fix,
+    Float64Array,
+    GridMap,
+    MapSource,
+    Prior,
+    Segment,
+    Status,
+    TrackerState,
+)
 
 _HEADING_SD = 0.25
 """rad: compass start against the level's mean field, and how the device was held."""
@@ -55,7 +66,7 @@ class DeadReckoningTracker:
 
     def start(self, prior: Prior, *, seed: int) -> TrackerState:  # noqa: ARG002 - the contract; nothing is drawn
         """State before the first segment."""
-        return TrackerState(self.method, codec.pack({"prior": asdict(prior), "track": None}))
+        return TrackerState(self.method, codec.pack({"prior": codec.prior_values(prior), "track": None}))
 
     def step(
         self, state: TrackerState, segment: Segment, map_source: MapSource
@@ -64,27 +75,34 @@ class DeadReckoningTracker:
         if state.method != self.method:
             raise StateError(f"state belongs to method {state.method!r}, not {self.method!r}")
         values = codec.unpack(state.payload)
-        prior, before = Prior(**values["prior"]), values["track"]
+        prior, before = codec.prior_from(values["prior"]), values["track"]
         known = None if before is None else codec.pedestrian_state(before.pop("pedestrian"))
         gap = 0.0 if known is None else gap_before(known, segment.samples)
         pedestrian, events = advance(known, segment.samples)
-        track = _begin(prior, pedestrian, events, map_source.grid_map(prior.level_id))
+        level_id = map_source.level_ids()[0] if prior.level_id is None else prior.level_id
+        track = _begin(prior, pedestrian, events, map_source.grid_map(level_id))
         if before is not None:
             old = _Track(pedestrian=pedestrian, **before)
             track = _resume(old, track, gap) if gap > 0.0 else old
-        fixes = [self._walk(track, prior, events, i) for i in range(len(events))]
+        fixes = [self._walk(track, prior, level_id, events, i) for i in range(len(events))]
         last_t = float(segment.samples.t[-1])
-        fixes.append(_fix(track, prior, settled_until(segment.samples.t)))
+        fixes.append(_fix(track, prior, level_id, settled_until(segment.samples.t)))
         after = {**asdict(track), "pedestrian": codec.pedestrian_values(pedestrian)}
-        return TrackerState(self.method, codec.pack({"prior": asdict(prior), "track": after}), last_t), tuple(fixes)
+        return TrackerState(
+            self.method, codec.pack({"prior": codec.prior_values(prior), "track": after}), last_t
+        ), tuple(fixes)
 
-    def _walk(self, track: _Track, prior: Prior, events: StepEvents, i: int) -> Fix:
+    def learned(self, state: TrackerState) -> DeviceCalibration | None:  # noqa: ARG002 - the contract
+        """Nothing: without the map neither offset nor stride can be told."""
+        return None
+
+    def _walk(self, track: _Track, prior: Prior, level_id: str, events: StepEvents, i: int) -> Fix:
         stride = float(weinberg(events.swing[i : i + 1], self.parameters.stride_constant)[0])
         track.heading = float(events.motion_heading[i]) + track.offset
         track.x += stride * float(np.cos(track.heading))
         track.y += stride * float(np.sin(track.heading))
         track.walked_m += stride
-        return _fix(track, prior, float(events.t[i]))
+        return _fix(track, prior, level_id, float(events.t[i]))
 
 
 def _begin(prior: Prior, pedestrian: PedestrianState, events: StepEvents, grid_map: GridMap) -> _Track:
@@ -113,7 +131,7 @@ def _mean_field(grid_map: GridMap) -> Float64Array:
     return mean
 
 
-def _fix(track: _Track, prior: Prior, t: float) -> Fix:
+def _fix(track: _Track, prior: Prior, level_id: str, t: float) -> Fix:
     """Fix with a circular covariance: the start's, and heading and stride errors over the net displacement."""
     known = prior.x is not None and prior.y is not None
     start = prior.radius_m / 2.0 if known else _UNKNOWN_SD_M
@@ -122,7 +140,7 @@ def _fix(track: _Track, prior: Prior, t: float) -> Fix:
     variance = float(start**2 + drift**2 + track.unseen_m**2 / 4.0)
     return Fix(
         t=t,
-        level_id=prior.level_id,
+        level_id=level_id,
         x=track.x,
         y=track.y,
         cov_xx=variance,

@@ -52,10 +52,16 @@ def initial_cloud(
     p = cloud.p
     p[0], p[1] = x, y
     p[2], p[3] = np.cos(heading), np.sin(heading)
-    p[4] = 1.0 + SPREAD * rng.standard_normal(n).clip(-2.5, 2.5)
+    known = prior.calibration
+    scale, scale_sd = (1.0, SPREAD) if known is None else (known.stride_scale, min(known.stride_scale_sd, SPREAD))
+    p[4] = scale + scale_sd * rng.standard_normal(n).clip(-2.5, 2.5)
     p[5] = spread.carry * rng.standard_normal(n)
     p[12] = spread.offset_horizontal**2
     p[13] = spread.offset_vertical**2
+    if known is not None:
+        p[6:9] = np.array(known.offset)[:, None]
+        p[12] = min(max(known.offset_sd[:2]), spread.offset_horizontal) ** 2
+        p[13] = min(known.offset_sd[2], spread.offset_vertical) ** 2
     return cloud
 
 

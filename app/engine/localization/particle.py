@@ -30,7 +30,17 @@ from app.engine.localization.initial import (
     initial_cloud,
 )
 from app.engine.localization.integrity import Integrity, IntegrityPolicy, calibrate, judge
-from app.engine.types import FeatureSet, Fix, Float64Array, Hypothesis, MapSource, Prior, Segment, TrackerState
+from app.engine.types import (
+    DeviceCalibration,
+    FeatureSet,
+    Fix,
+    Float64Array,
+    Hypothesis,
+    MapSource,
+    Prior,
+    Segment,
+    TrackerState,
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,7 +85,12 @@ class SessionState:
     def encode(self) -> bytes:
         """As bytes."""
         track = self.track
-        values: dict[str, Any] = {"prior": asdict(self.prior), "seed": self.seed, "count": self.count, "track": None}
+        values: dict[str, Any] = {
+            "prior": codec.prior_values(self.prior),
+            "seed": self.seed,
+            "count": self.count,
+            "track": None,
+        }
         if track is not None:
             values["track"] = {
                 "pedestrian": codec.pedestrian_values(track.pedestrian),
@@ -100,7 +115,7 @@ class SessionState:
                 estimate=Estimate(**track["estimate"]),
                 integrity=Integrity(**track["integrity"]),
             )
-        return cls(Prior(**values["prior"]), values["seed"], values["count"], track)
+        return cls(codec.prior_from(values["prior"]), values["seed"], values["count"], track)
 
 
 class ParticleTracker:
@@ -141,6 +156,13 @@ class ParticleTracker:
         last_t = float(segment.samples.t[-1])
         return TrackerState(self.method, session.encode(), last_t), tuple(fixes)
 
+    def learned(self, state: TrackerState) -> DeviceCalibration | None:
+        """Offset and stride as the particles have them, once the place is known."""
+        track = SessionState.decode(state.payload).track
+        if track is None or track.integrity.cold or not track.integrity.settled:
+            return None
+        return learned_calibration(track.cloud)
+
     def walk(
         self, session: SessionState, segment: Segment, map_source: MapSource
     ) -> Iterator[tuple[Fix, Advance | None]]:
@@ -149,7 +171,8 @@ class ParticleTracker:
         The next step overwrites the particles of the one before: take what is needed before going on.
         """
         rng = np.random.default_rng([session.seed, session.count])
-        grid = self._grid(map_source, session.prior.level_id)
+        level_id = map_source.level_ids()[0] if session.prior.level_id is None else session.prior.level_id
+        grid = self._grid(map_source, level_id)
         before = None if session.track is None else session.track.pedestrian
         gap = 0.0 if before is None else gap_before(before, segment.samples)
         pedestrian, events = advance(before, segment.samples)
@@ -163,7 +186,6 @@ class ParticleTracker:
             track = session.track
         session.track = track
         track.pedestrian = pedestrian
-        level_id = session.prior.level_id
         for i in range(len(events)):
             moved = self._advance(track, grid, events, i, rng)
             yield self._fix(track, level_id, float(events.t[i])), moved
@@ -228,7 +250,7 @@ class ParticleTracker:
         dx, dy = e.x - first.x, e.y - first.y
         about = replace(e, cov_xx=e.cov_xx + dx * dx, cov_xy=e.cov_xy + dx * dy, cov_yy=e.cov_yy + dy * dy)
         cov_xx, cov_xy, cov_yy = calibrate(about, track.integrity, self.policy)
-        places = tuple(Hypothesis(m.x, m.y, m.cov_xx, m.cov_xy, m.cov_yy, m.weight) for m in modes)
+        places = tuple(Hypothesis(level_id, m.x, m.y, m.cov_xx, m.cov_xy, m.cov_yy, m.weight) for m in modes)
         return replace(fix, x=first.x, y=first.y, cov_xx=cov_xx, cov_xy=cov_xy, cov_yy=cov_yy, hypotheses=places)
 
     def _fix(self, track: Track, level_id: str, t: float) -> Fix:
@@ -255,6 +277,22 @@ def first_reading(pedestrian: PedestrianState, events: StepEvents) -> tuple[floa
     if len(events):
         return float(events.heading[0]), events.mag[0]
     return float(pedestrian.tail.heading[-1]), pedestrian.tail.mag[-10:].mean(axis=0)
+
+
+def learned_calibration(cloud: Cloud) -> DeviceCalibration:
+    """Moments of the particles' offsets (each with its own variance) and stride scales."""
+    p = cloud.p.astype(np.float64)
+    w = p[14] / p[14].sum()
+    offset = p[6:9] @ w
+    own = np.stack([p[12], p[12], p[13]]) @ w
+    sd = np.sqrt(own + (p[6:9] - offset[:, None]) ** 2 @ w)
+    scale = float(p[4] @ w)
+    return DeviceCalibration(
+        offset=(float(offset[0]), float(offset[1]), float(offset[2])),
+        offset_sd=(float(sd[0]), float(sd[1]), float(sd[2])),
+        stride_scale=scale,
+        stride_scale_sd=float(np.sqrt((p[4] - scale) ** 2 @ w)),
+    )
 
 
 def channels(mag: Float64Array, features: FeatureSet) -> Float64Array:

@@ -12,7 +12,8 @@ from typing import Any
 
 from sqlalchemy import BindParameter, Row, bindparam, func, insert, select, update
 
-from app.engine.types import Fix, Hypothesis, Prior, Segment, Status, TrackerState
+from app.engine.localization.codec import prior_from
+from app.engine.types import Fix, Hypothesis, Segment, Status, TrackerState
 from app.services.errors import SequenceGapError
 from app.services.records import JobState, NewSegment, Page, Position, SegmentInfo, Session, SessionStatus
 from app.storage.columns import decode_samples, decode_scans, encode_samples, encode_scans
@@ -219,7 +220,7 @@ def _session(row: Row[Any]) -> Session:
         device_id=row.device_id,
         method=row.method,
         parameters=row.parameters,
-        prior=Prior(**row.prior),
+        prior=prior_from(row.prior),
         status=SessionStatus(row.status),
         next_seq=row.next_seq,
         created_at=row.created_at,
