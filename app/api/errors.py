@@ -63,7 +63,7 @@ CONFLICT = ProblemType("conflict", 409, "The request contradicts what is stored"
 SEQUENCE_CONFLICT = ProblemType("sequence-conflict", 409, "The segment number was used with other content")
 SEQUENCE_GAP = ProblemType("sequence-gap", 409, "An earlier segment is missing")
 SESSION_CLOSED = ProblemType("session-closed", 409, "The session is closed")
-NO_MAP = ProblemType("no-map", 409, "The level has no map")
+NO_MAP = ProblemType("no-map", 409, "There is no map")
 NO_ANCHOR = ProblemType("no-anchor", 409, "The venue has no anchor")
 BODY_TOO_LARGE = ProblemType("body-too-large", 413, "The body is too large")
 UNSUPPORTED_MEDIA_TYPE = ProblemType("unsupported-media-type", 415, "The body's format is not taken")
@@ -300,6 +300,8 @@ def _errors_in(error: Exception) -> tuple[FieldError, ...]:
         return (FieldError(error.field, error.message, "see docs/api.md for what this field takes"),)
     if isinstance(error, MediaTypeError):
         return (FieldError(error.field, str(error), error.remedy),)
+    if isinstance(error, service.NoMapError):
+        return (FieldError(error.field, str(error), FIELD_OF[NO_MAP][1]),)
     if isinstance(error, service.SequenceGapError):
         return (FieldError("seq", str(error), f"send seq {error.expected} first"),)
     return ()

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from app.api.schemas.fixes import ellipse95, heading_deg, t_ms
+from app.api.schemas.fixes import ellipse95, heading_deg, hypothesis_object, t_ms
 from app.services.records import Anchor, Position
 
 GEO_JSON = "application/geo+json"
@@ -86,6 +86,7 @@ def _feature(position: Position, to_wgs84: LevelToWgs84) -> dict[str, Any]:
             "quality": fix.quality,
             "sure": fix.sure,
             "walk_on_m": fix.walk_on_m,
+            "hypotheses": [hypothesis_object(h) for h in fix.hypotheses],
             "ellipse95": ellipse95(fix),
         },
     }

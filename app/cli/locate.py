@@ -19,8 +19,13 @@ _CSV_COLUMNS = ("t_ms", "mx", "my", "mz", "ax", "ay", "az", "gx", "gy", "gz")
 @reported
 def locate(
     file: Annotated[Path, typer.Argument(help="Samples, .csv or .json.")],
-    level: Annotated[str, typer.Option(help="Id of the level (lvl_...).")],
-    x: Annotated[float | None, typer.Option(help="Where it began, plan metres; without x and y: anywhere.")] = None,
+    level: Annotated[str | None, typer.Option(help="Id of the level (lvl_...).", show_default=False)] = None,
+    venue: Annotated[
+        str | None, typer.Option(help="Id of the venue (ven_...), if the level is unknown.", show_default=False)
+    ] = None,
+    x: Annotated[
+        float | None, typer.Option(help="Where it began on the level, plan metres; without x and y: anywhere.")
+    ] = None,
     y: Annotated[float | None, typer.Option(help="Where it began, plan metres.")] = None,
     radius: Annotated[float, typer.Option(help="How far from (x, y) it may have begun, metres.")] = 3.0,
     heading: Annotated[
@@ -38,24 +43,29 @@ def locate(
     .json: the body of POST /v1/sessions/ID/segments: an object "samples" with t_ms and mag, acc, gyro of x, y, z.
 
     Example:  isodyn locate walk.csv --level lvl_... --x 12.5 --y 40
+
+    Example:  isodyn locate walk.csv --venue ven_...
     """
     import isodyn_client as isodyn
 
+    if (level is None) == (venue is None):
+        raise typer.BadParameter("give --level, or --venue if the level is unknown")
     if (x is None) != (y is None):
         raise typer.BadParameter("give both --x and --y, or neither")
     samples = read_samples(file, frame)
     prior = isodyn.Prior(x=x, y=y, radius_m=radius, heading_deg=heading)
     with connect(url, key) as client:
-        result = client.locate(level, samples, method=method, prior=prior)
+        result = client.locate(level, samples, venue_id=venue, method=method, prior=prior)
     fixes = result.fixes
     if output:
         output.write_text(json.dumps(_columns(fixes)))
     ellipses = [fixes.ellipse95(i) for i in range(len(fixes))]
     print_table(
-        ("t (s)", "x (m)", "y (m)", "95 % ellipse (m)", "status", "sure"),
+        ("t (s)", "level", "x (m)", "y (m)", "95 % ellipse (m)", "status", "sure"),
         [
             (
                 f"{(fixes.t_ms[i] - samples.t_ms[0]) / 1000:.2f}",
+                fixes.level_id[i],
                 f"{fixes.x[i]:.2f}",
                 f"{fixes.y[i]:.2f}",
                 f"{ellipses[i].semi_major_m:.1f} x {ellipses[i].semi_minor_m:.1f}",

@@ -67,11 +67,20 @@ class ServiceTransport:
             level = self.client.level(level_id)
             return None if level.current_map_id is None else magnitude(self.client, level.current_map_id)
 
-    def open_session(self, prior: Prior, *, method: str, parameters: Mapping[str, object]) -> str:
-        """Open a session on ``prior.level_id``."""
+    def venue_of(self, level_id: str) -> str:
+        """Id of the venue that a level is of."""
+        with _translated():
+            return self.client.level(level_id).venue_id
+
+    def open_session(self, prior: Prior, venue_id: str, *, method: str, parameters: Mapping[str, object]) -> str:
+        """Open a session on ``prior.level_id``, or anywhere in the venue if the prior names no level."""
         with _translated():
             info = self.client.create_session(
-                prior.level_id or "", method=method or None, parameters=dict(parameters) or None, prior=prior_of(prior)
+                prior.level_id,
+                venue_id=venue_id if prior.level_id is None else None,
+                method=method or None,
+                parameters=dict(parameters) or None,
+                prior=prior_of(prior),
             )
             return info.id
 

@@ -56,7 +56,7 @@ def replay_trips(
     baseline = HttpDriver(transport, BASELINE, {})
     results: list[WalkResult | Dropped] = []
     for walk in walks:
-        job = Job(data.name, level_id, (walk,), area, Scenario.TRACKING, Aids.NONE, repeat=0)
+        job = Job(data.name, level_id, "", (walk,), area, Scenario.TRACKING, Aids.NONE, repeat=0)
         results += replay_walks(job, driver, baseline)
         done(walk)
     return Report(

@@ -174,8 +174,15 @@ class Transport(Protocol):
         """The map for drawing; None if the service does not give it."""
         ...
 
-    def open_session(self, prior: Prior, *, method: str, parameters: Mapping[str, object]) -> str:
-        """Open a session on ``prior.level_id``; an empty ``method`` is the service's default."""
+    def venue_of(self, level_id: str) -> str:
+        """Id of the venue that a level is of."""
+        ...
+
+    def open_session(self, prior: Prior, venue_id: str, *, method: str, parameters: Mapping[str, object]) -> str:
+        """Open a session on ``prior.level_id``, or anywhere in the venue if the prior names no level.
+
+        An empty ``method`` is the service's default.
+        """
         ...
 
     def send_segment(self, session_id: str, seq: int, segment: Segment) -> Sequence[Fix]:
@@ -200,7 +207,7 @@ class HttpDriver:
         fixes: list[Fix] = []
         times: list[float] = []
         failures: list[str] = []
-        session = self.transport.open_session(trip.prior, method=self.method, parameters=self.parameters)
+        session = self.transport.open_session(trip.prior, trip.venue_id, method=self.method, parameters=self.parameters)
         seq = 0
         for number, segment in enumerate(trip.segments):
             began = time.perf_counter()

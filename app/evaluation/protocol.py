@@ -26,8 +26,6 @@ SEGMENT_S = 5.0
 SHORTEST_SEGMENT_S = 1.0
 """A shorter remainder at the end of a walk joins the segment before it."""
 PRIOR_RADIUS_M = 3.0
-ANY_LEVEL = ""
-"""``Prior.level_id`` when only the building is known."""
 LABEL_LEAD_S = 0.5
 POSE_RADIUS_M = 0.5
 POSE_HEADING_SD = 0.1
@@ -104,10 +102,14 @@ class EvaluationOptions:
 
 @dataclass(frozen=True, slots=True)
 class Trip:
-    """One walk as the service would get it: prior and segments, no truth."""
+    """One walk as the service would get it: prior and segments, no truth.
+
+    ``level_id`` and ``venue_id`` are where it took place, as the driver calls them; the prior says what of it is told.
+    """
 
     walk_id: str
     level_id: str
+    venue_id: str
     prior: Prior
     seed: int
     segments: tuple[Segment, ...]
@@ -119,13 +121,20 @@ class Trip:
 
 
 def make_trip(
-    walk: RecordedWalk, level_id: str, scenario: Scenario, *, aids: Aids = Aids.NONE, repeat: int = 0
+    walk: RecordedWalk,
+    level_id: str,
+    scenario: Scenario,
+    *,
+    venue_id: str = "",
+    aids: Aids = Aids.NONE,
+    repeat: int = 0,
 ) -> Trip:
     """The trip of a recorded walk under a scenario."""
     seed = walk_seed(walk.walk_id, repeat)
     return Trip(
         walk_id=walk.walk_id,
         level_id=level_id,
+        venue_id=venue_id,
         prior=make_prior(walk, level_id, scenario, seed),
         seed=seed,
         segments=cut_segments(walk, with_wifi=aids is Aids.WIFI),
@@ -141,7 +150,7 @@ def walk_seed(walk_id: str, repeat: int = 0) -> int:
 def make_prior(walk: RecordedWalk, level_id: str, scenario: Scenario, seed: int) -> Prior:
     """What the scenario tells about the start of the walk."""
     if scenario is Scenario.VENUE:
-        return Prior(ANY_LEVEL)
+        return Prior(None)
     if scenario is Scenario.COLD:
         return Prior(level_id)
     if scenario is Scenario.POSE:

@@ -117,7 +117,7 @@ class Bench:
         """Work orders for ``runs`` runs of each walk."""
         tasks = []
         for walk in walks:
-            job = Job(self.level, self.level, (walk,), self.area, scenario, Aids.NONE, 0)
+            job = Job(self.level, self.level, "", (walk,), self.area, scenario, Aids.NONE, 0)
             maps = {self.level: self.grid_map}
             work = EngineJob(job, maps, self.method, self.parameters, self.create_tracker)
             tasks += [

@@ -23,11 +23,13 @@ Smooth = Callable[[Trip], Sequence[Fix] | None]
 class Job:
     """Walks of one level, and how they are replayed. Truth stays on this side of the driver.
 
-    ``level_id`` is what the driver calls the level (its name in the engine, an id in a service).
+    ``level_id`` and ``venue_id`` are what the driver calls the level and its building (names in the engine, ids in a
+    service).
     """
 
     level: str
     level_id: str
+    venue_id: str
     walks: tuple[RecordedWalk, ...]
     area: SurveyedArea
     scenario: Scenario
@@ -80,7 +82,7 @@ def _replay_walk(
     truth = truth_at_steps(detect_steps(walk.samples), walk.waypoints, even_pace=walk.even_pace)
     if len(truth) < MIN_STEPS:
         return Dropped(job.level, walk.walk_id, f"{len(truth)} steps, fewer than {MIN_STEPS}")
-    trip = make_trip(walk, job.level_id, job.scenario, aids=job.aids, repeat=job.repeat)
+    trip = make_trip(walk, job.level_id, job.scenario, venue_id=job.venue_id, aids=job.aids, repeat=job.repeat)
     if not trip.segments:
         return Dropped(job.level, walk.walk_id, "no samples after the first label")
 

@@ -172,7 +172,7 @@ def _engine_jobs(
         names = offered if options.scenario is Scenario.VENUE else [level.name]
         own_maps = {name: maps[name] for name in names}
         for walks in _chunks(_test_walks(level, options), WALKS_A_JOB):
-            job = _job(level, level.name, walks, ready, options)
+            job = _job(level, level.name, level.site, walks, ready, options)
             work.append(
                 EngineJob(job, own_maps, options.method, options.parameters, engine.create_tracker, engine.smoother)
             )
@@ -200,7 +200,7 @@ def _through_http(
     driver = HttpDriver(transport, options.method, options.parameters)
     baseline = HttpDriver(transport, BASELINE, {})
     jobs = [
-        _job(level, ids[level.name], (walk,), ready, options)
+        _job(level, ids[level.name], transport.venue_of(ids[level.name]), (walk,), ready, options)
         for level, ready in zip(levels, prepared, strict=True)
         for walk in _test_walks(level, options)
     ]
@@ -272,11 +272,12 @@ def _test_walks(level: Ilc20Level, options: EvaluationOptions) -> tuple[Recorded
 def _job(
     level: Ilc20Level,
     level_id: str,
+    venue_id: str,
     walks: tuple[RecordedWalk, ...],
     ready: PreparedLevel,
     options: EvaluationOptions,
 ) -> Job:
-    return Job(level.name, level_id, walks, ready.area, options.scenario, options.aids, options.repeat)
+    return Job(level.name, level_id, venue_id, walks, ready.area, options.scenario, options.aids, options.repeat)
 
 
 def _chunks(items: tuple[T, ...], size: int) -> Iterator[tuple[T, ...]]:

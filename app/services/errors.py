@@ -10,7 +10,7 @@
     │   ├── SessionClosedError
     │   └── NotSmoothableError      the session has no smoothed trajectory (names the field and the remedy)
     ├── InvalidError          a field that cannot be accepted (names the field and the remedy)
-    ├── NoMapError            the level has no map yet (says how to get one)
+    ├── NoMapError            the level, or no level of the venue, has a map yet (says how to get one)
     ├── ForbiddenError        the key lacks a scope
     └── OverloadedError       queue full: come back after ``retry_after_s``
         └── StorageError          the database cannot be written or read now (full disk, lock, lost connection)
@@ -83,11 +83,12 @@ class InvalidError(ServiceError):
 
 
 class NoMapError(ServiceError):
-    """A level has no map to match against."""
+    """A level, or no level of a venue, has a map to match against; ``field`` says which of the two was named."""
 
-    def __init__(self, level_id: str) -> None:
-        super().__init__(f"level {level_id} has no map; upload survey walks and POST /v1/maps")
-        self.level_id = level_id
+    def __init__(self, *, level_id: str | None = None, venue_id: str | None = None) -> None:
+        what = f"no level of venue {venue_id} has a map" if level_id is None else f"level {level_id} has no map"
+        super().__init__(f"{what}; upload survey walks and POST /v1/maps")
+        self.field = "venue_id" if level_id is None else "level_id"
 
 
 class ForbiddenError(ServiceError):

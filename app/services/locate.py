@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping
-from dataclasses import replace
 
 from app.engine.types import ImuSamples, Prior, RadioScans, Segment
 from app.services.base import Service
@@ -12,9 +11,9 @@ from app.services.clock import Clock
 from app.services.ids import seed_of
 from app.services.map_refs import MapRefs
 from app.services.methods import MethodCheck, check_method
+from app.services.places import choose_place
 from app.services.ports import Executor, MapCache, UnitOfWorkFactory, WorkerLostError
 from app.services.records import Located
-from app.services.sessions import choose_map
 from app.services.tasks import LocateResult, LocateSpec, LocateTask
 
 
@@ -39,30 +38,30 @@ class LocateService(Service):
 
     def locate(
         self,
-        level_id: str,
+        level_id: str | None,
         method: str,
         parameters: Mapping[str, object],
         prior: Prior | None,
         samples: ImuSamples,
         *,
+        venue_id: str | None = None,
         wifi: RadioScans | None = None,
         map_id: str | None = None,
     ) -> Located:
-        """Locate the samples on the level; the same request gives the same answer."""
+        """Locate the samples on the level, or on any level of the venue; the same request gives the same answer."""
         self._check(method, parameters)
         with self._uow() as uow:
-            chosen = choose_map(uow, level_id, map_id)
-        ref = self._refs.ref(chosen)
+            place = choose_place(uow, level_id, venue_id, map_id)
         spec = LocateSpec(
             method=method,
             parameters=dict(parameters),
-            prior=Prior(level_id) if prior is None else replace(prior, level_id=level_id),
+            prior=place.prior(prior),
             seed=seed_of(hashlib.sha256(samples.t.tobytes() + samples.mag.tobytes()).hexdigest()),
             state=None,
             segment=Segment(samples, wifi),
-            maps=(ref,),
+            maps=self._refs.refs(place.maps),
         )
-        return Located(fixes=self._run(spec).fixes, map_id=chosen, method=method)
+        return Located(fixes=self._run(spec).fixes, level_id=place.level_id, maps=place.maps, method=method)
 
     def _run(self, spec: LocateSpec) -> LocateResult:
         affinity = spec.maps[0].hash

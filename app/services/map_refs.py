@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import lru_cache
 
 from app.engine.types import GridMap
 from app.services.ports import MapCache, UnitOfWorkFactory
-from app.services.records import MapInfo
+from app.services.records import LevelMap, MapInfo
 from app.services.tasks import MapRef
 
 _KEPT = 256
@@ -27,6 +28,10 @@ class MapRefs:
     def ref(self, map_id: str) -> MapRef:
         """File of a map in the cache, filled from the database if it is missing."""
         return self._cache.ref(self._info(map_id), lambda: self._load(map_id))
+
+    def refs(self, maps: Sequence[LevelMap]) -> tuple[MapRef, ...]:
+        """Files of the maps of a trip, in this order."""
+        return tuple(self.ref(one.map_id) for one in maps)
 
     def grid(self, map_id: str) -> GridMap:
         """The map itself, memory-mapped."""

@@ -52,7 +52,7 @@ class MapService(Service):
         with self._uow() as uow:
             map_id = uow.levels.get(level_id).current_map_id
         if map_id is None:
-            raise NoMapError(level_id)
+            raise NoMapError(level_id=level_id)
         return self._refs.info(map_id)
 
     def grid(self, map_id: str) -> GridMap:

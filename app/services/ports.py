@@ -20,6 +20,7 @@ from app.services.records import (
     JobKind,
     JobState,
     Level,
+    LevelMap,
     MapInfo,
     NewBuild,
     NewSegment,
@@ -87,6 +88,9 @@ class LevelRepository(Protocol):
     def set_vector_plan(self, level_id: str, geojson: bytes, now: datetime) -> None: ...
     def vector_plan(self, level_id: str) -> bytes | None: ...
     def set_current_map(self, level_id: str, map_id: str, now: datetime) -> None: ...
+    def current_maps(self, venue_id: str, *, limit: int) -> Sequence[LevelMap]:
+        """Current maps of the venue's levels that have one, lowest level first, at most ``limit``."""
+        ...
 
 
 class DeviceRepository(Protocol):
@@ -136,7 +140,14 @@ class SessionRepository(Protocol):
     def add(self, session: Session) -> None: ...
     def get(self, session_id: str) -> Session: ...
     def list(
-        self, *, level_id: str | None, device_id: str | None, status: str | None, cursor: str | None, limit: int
+        self,
+        *,
+        venue_id: str | None,
+        level_id: str | None,
+        device_id: str | None,
+        status: str | None,
+        cursor: str | None,
+        limit: int,
     ) -> Page[Session]: ...
     def close(self, session_id: str, now: datetime) -> Session: ...
     def add_segment(self, session_id: str, segment: NewSegment, job_id: str, now: datetime) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Sequence
-from dataclasses import astuple
 from datetime import datetime
 
 from app.engine.mapping import FloorPlan
@@ -61,7 +60,7 @@ class ProcessingService(Service):
             seed=seed_of(session_id),
             state=state,
             segment=segment,
-            maps=(self._refs.ref(session.map_id),),
+            maps=self._refs.refs(session.maps),
         )
 
     def build_spec(self, job: Job) -> BuildSpec:
@@ -143,7 +142,8 @@ def _segment_of(job: Job) -> tuple[str, int]:
 
 def _is_finite(fix: Fix) -> bool:
     values = (fix.t, fix.x, fix.y, fix.cov_xx, fix.cov_xy, fix.cov_yy, fix.heading, fix.quality, fix.walk_on_m or 0.0)
-    return all(map(math.isfinite, (*values, *(value for h in fix.hypotheses for value in astuple(h)))))
+    places = (value for h in fix.hypotheses for value in (h.x, h.y, h.cov_xx, h.cov_xy, h.cov_yy, h.weight))
+    return all(map(math.isfinite, (*values, *places)))
 
 
 def _map_info(

@@ -184,13 +184,25 @@ class MapInfo:
 
 
 @dataclass(frozen=True, slots=True)
+class LevelMap:
+    """The map version that is used on a level."""
+
+    level_id: str
+    map_id: str
+
+
+@dataclass(frozen=True, slots=True)
 class Session:
-    """One trip of one device. ``map_id`` is pinned when the session opens."""
+    """One trip of one device.
+
+    ``level_id`` is None while the session may be on any level of its venue. ``maps`` are pinned when it opens: that of
+    the level, or of every level of the venue that has one.
+    """
 
     id: str
     venue_id: str
-    level_id: str
-    map_id: str
+    level_id: str | None
+    maps: tuple[LevelMap, ...]
     device_id: str | None
     method: str
     parameters: Mapping[str, object]
@@ -252,7 +264,8 @@ class Trajectory:
     """A session's smoothed trajectory, one fix per step."""
 
     session_id: str
-    map_id: str
+    level_id: str | None
+    maps: tuple[LevelMap, ...]
     method: str
     fixes: tuple[Fix, ...]
 
@@ -262,7 +275,8 @@ class Located:
     """Result of a one-shot location."""
 
     fixes: tuple[Fix, ...]
-    map_id: str
+    level_id: str | None
+    maps: tuple[LevelMap, ...]
     method: str
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 from datetime import datetime
 
 from app.engine.types import Prior
@@ -11,7 +10,6 @@ from app.services.base import DEFAULT_LIMIT, Service, check_limit, check_number_
 from app.services.clock import Clock
 from app.services.errors import (
     InvalidError,
-    NoMapError,
     OverloadedError,
     SequenceConflictError,
     SequenceGapError,
@@ -19,6 +17,7 @@ from app.services.errors import (
 )
 from app.services.ids import new_id
 from app.services.methods import MethodCheck, check_method
+from app.services.places import choose_place
 from app.services.ports import JobListener, MapCache, UnitOfWork, UnitOfWorkFactory
 from app.services.records import (
     Accepted,
@@ -57,30 +56,34 @@ class SessionService(Service):
 
     def create(
         self,
-        level_id: str,
+        level_id: str | None,
         method: str,
         parameters: Mapping[str, object],
         prior: Prior | None = None,
         *,
+        venue_id: str | None = None,
         device_id: str | None = None,
         map_id: str | None = None,
     ) -> Session:
-        """Open a session on a level, with its current map (or the named version) pinned."""
+        """Open a session on a level, with its current map (or the named version) pinned.
+
+        With ``venue_id`` instead of a level: on any level of the venue that has a map, with all of these pinned.
+        """
         self._check(method, parameters)
         now = self._clock()
         with self._uow(write=True) as uow:
-            level = uow.levels.get(level_id)
+            place = choose_place(uow, level_id, venue_id, map_id)
             if device_id is not None:
                 uow.devices.get(device_id)
             session = Session(
                 id=new_id("ses", now),
-                venue_id=level.venue_id,
-                level_id=level_id,
-                map_id=choose_map(uow, level_id, map_id),
+                venue_id=place.venue_id,
+                level_id=place.level_id,
+                maps=place.maps,
                 device_id=device_id,
                 method=method,
                 parameters=dict(parameters),
-                prior=Prior(level_id) if prior is None else replace(prior, level_id=level_id),
+                prior=place.prior(prior),
                 status=SessionStatus.OPEN,
                 next_seq=0,
                 created_at=now,
@@ -101,11 +104,18 @@ class SessionService(Service):
         status: SessionStatus | None = None,
         cursor: str | None = None,
         limit: int = DEFAULT_LIMIT,
+        *,
+        venue_id: str | None = None,
     ) -> Page[Session]:
         """Sessions, newest first."""
         with self._uow() as uow:
             return uow.sessions.list(
-                level_id=level_id, device_id=device_id, status=status, cursor=cursor, limit=check_limit(limit)
+                venue_id=venue_id,
+                level_id=level_id,
+                device_id=device_id,
+                status=status,
+                cursor=cursor,
+                limit=check_limit(limit),
             )
 
     def close(self, session_id: str) -> Session:
@@ -156,17 +166,6 @@ class SessionService(Service):
             return uow.sessions.list_positions(
                 session_id, seq=seq, cursor=check_number_cursor(cursor), limit=check_limit(limit)
             )
-
-
-def choose_map(uow: UnitOfWork, level_id: str, map_id: str | None) -> str:
-    """Return the named map if it is one of the level, else the level's current one; NoMapError if there is none."""
-    if map_id is None:
-        map_id = uow.levels.get(level_id).current_map_id
-        if map_id is None:
-            raise NoMapError(level_id)
-    elif uow.maps.get(map_id).level_id != level_id:
-        raise InvalidError("map_id", f"map {map_id} is of another level", f"name a map of level {level_id}")
-    return map_id
 
 
 def _repeated(uow: UnitOfWork, session_id: str, new: NewSegment) -> Accepted:

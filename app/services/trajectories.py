@@ -40,10 +40,12 @@ class TrajectoryService(Service):
             prior=session.prior,
             seed=seed_of(session_id),
             segments=tuple(segments),
-            maps=(self._refs.ref(session.map_id),),
+            maps=self._refs.refs(session.maps),
         )
         fixes = self._run(spec).fixes if segments else ()
-        return Trajectory(session_id=session_id, map_id=session.map_id, method=session.method, fixes=fixes)
+        return Trajectory(
+            session_id=session_id, level_id=session.level_id, maps=session.maps, method=session.method, fixes=fixes
+        )
 
     def _run(self, spec: SmoothSpec) -> SmoothResult:
         affinity = spec.maps[0].hash

@@ -10,7 +10,7 @@ from __future__ import annotations
 import sqlite3
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +29,10 @@ _POOL_SIZE = 16
 _POOL_OVERFLOW = 48  # the web server's thread pool and the runner may all be inside a transaction
 _RETRY_AFTER_S = 1.0
 _CACHE_KIB = 4 * 1024  # of each connection
+
+
+class BrokenReferencesError(RuntimeError):
+    """A migration would leave rows that refer to none; nothing is changed."""
 
 
 class Database:
@@ -66,9 +70,15 @@ class Database:
         return cls(f"sqlite:///{path}", power_safe=power_safe, busy_timeout_s=busy_timeout_s)
 
     def migrate(self) -> None:
-        """Bring the schema up to date, in one transaction."""
-        with self._transaction(write=True) as connection:
-            upgrade(connection)
+        """Bring the schema up to date, in one transaction.
+
+        SQLite alters a table by building it anew. Rows that refer to it would lose their hold in between, so references
+        are checked at the end instead.
+        """
+        with self._transaction(write=True, check_references=False) as connection:
+            changed = upgrade(connection)
+            if changed and self._is_sqlite and _has_broken_references(connection):
+                raise BrokenReferencesError("rows refer to others that are not there; the schema stays as it was")
 
     def ping(self) -> bool:
         """Whether the database answers."""
@@ -90,11 +100,12 @@ class Database:
             yield SqlUnitOfWork(connection, writable=write)
 
     @contextmanager
-    def _transaction(self, *, write: bool) -> Iterator[Connection]:
+    def _transaction(self, *, write: bool, check_references: bool = True) -> Iterator[Connection]:
         try:
             with self._turn(write=write), self.engine.connect() as connection:
                 connection.execution_options(**{_WRITE_OPTION: write})
-                with _begin(connection):
+                unchecked = self._is_sqlite and not check_references
+                with _references_unchecked(connection) if unchecked else nullcontext(), _begin(connection):
                     yield connection
         except OperationalError as error:
             # a full disk, a lost connection: passing trouble, which no caller can mend but by trying again
@@ -112,6 +123,22 @@ class Database:
             yield
         finally:
             self._write_lock.release()
+
+
+@contextmanager
+def _references_unchecked(connection: Connection) -> Iterator[None]:
+    """Switch SQLite's check of references off around a transaction; inside one the switch does nothing."""
+    cursor = connection.connection.cursor()
+    cursor.execute("PRAGMA foreign_keys=OFF")
+    try:
+        yield
+    finally:
+        cursor.execute("PRAGMA foreign_keys=ON")
+        cursor.close()
+
+
+def _has_broken_references(connection: Connection) -> bool:
+    return connection.exec_driver_sql("PRAGMA foreign_key_check").first() is not None
 
 
 @contextmanager

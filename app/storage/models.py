@@ -255,8 +255,9 @@ sessions = Table(
     metadata,
     _id(),
     _reference("venue_id", "venues.id"),
-    _reference("level_id", "levels.id"),
-    _reference("map_id", "maps.id"),
+    _reference("level_id", "levels.id", nullable=True),
+    # pairs of level and map: written once, and read with every segment, so not in a table of their own
+    Column("maps", JSON, nullable=False),
     _reference("device_id", "devices.id", nullable=True),
     Column("method", String(64), nullable=False),
     Column("parameters", JSON, nullable=False),
@@ -265,6 +266,7 @@ sessions = Table(
     Column("next_seq", Integer, nullable=False),
     _time("created_at"),
     _time("closed_at", nullable=True),
+    Index(None, "venue_id", "id"),
     Index(None, "level_id", "id"),
     Index(None, "device_id", "id"),
 )

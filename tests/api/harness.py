@@ -16,7 +16,7 @@ from fastapi import FastAPI
 from app.api import create_api
 from app.engine.types import Float64Array, ImuSamples
 from app.services.container import Services, build_services
-from app.services.records import Job, JobKind, JobState, Level, Scope, VenueKind
+from app.services.records import Anchor, Job, JobKind, JobState, Level, Scope, VenueKind
 from app.services.tasks import BuildResult
 from app.storage import Database, FileMapCache
 from app.workers.broker import JobBroker
@@ -180,6 +180,19 @@ class Api:
         level = self.surveyed_level()
         self.ok("POST", "/v1/maps", json={"level_id": level.id, **settings}, headers={"Prefer": "wait=5"})
         return self.services.venues.get_level(level.id)
+
+    def mapped_venue(self, n_levels: int = 2) -> tuple[str, list[Level]]:
+        """A venue with an anchor and so many mapped levels, lowest first."""
+        anchor = Anchor(48.15, 11.57)
+        venue_id = self.services.venues.create("Tower", VenueKind.INDOOR, anchor).id
+        ids = []
+        for ordinal in range(n_levels):
+            level = self.services.venues.create_level(venue_id, str(ordinal), ordinal, (-3.5, 2.25, 61.0, 36.75))
+            survey = self.services.surveys.create(level.id, "survey")
+            self.services.surveys.add_walk(survey.id, new_walk())
+            self.ok("POST", "/v1/maps", json={"level_id": level.id}, headers={"Prefer": "wait=5"})
+            ids.append(level.id)
+        return venue_id, [self.services.venues.get_level(level_id) for level_id in ids]
 
     def session_id(self) -> str:
         """A session on a mapped level."""

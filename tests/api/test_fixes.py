@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from app.api.schemas.fixes import CHI2_95, FixesOut, PositionOut, ellipse95, fix_columns, heading_deg, position_object
+from app.engine.types import Hypothesis
 from tests.support.builders import fix
 
 sds = st.floats(0.05, 50.0)
@@ -61,6 +62,17 @@ def test_columns_and_objects_say_the_same() -> None:
         assert (shown["x"], shown["y"]) == pytest.approx((one.x, one.y), abs=5e-4)
     assert columns["walk_on_m"] == [None, None, 12.5, None]
     assert columns["t_ms"] == [100_000.0, 101_000.0, 102_000.0, 103_000.0]
+
+
+def test_every_hypothesis_names_its_level() -> None:
+    first = Hypothesis("lvl", 1.23456, 2.0, 3.0, 0.5, 2.0, 0.77777)
+    second = Hypothesis("lvl_2", 4.0, 5.0, 1.0, 0.0, 1.0, 0.2)
+    shown = position_object(replace(fix(), hypotheses=(first, second)))
+    PositionOut.model_validate(shown)
+    assert shown["hypotheses"] == [
+        {"level_id": "lvl", "x": 1.235, "y": 2.0, "cov_xx": 3.0, "cov_xy": 0.5, "cov_yy": 2.0, "weight": 0.7778},
+        {"level_id": "lvl_2", "x": 4.0, "y": 5.0, "cov_xx": 1.0, "cov_xy": 0.0, "cov_yy": 1.0, "weight": 0.2},
+    ]
 
 
 def test_no_fixes_are_empty_columns() -> None:

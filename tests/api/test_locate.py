@@ -12,9 +12,20 @@ def test_one_call(api: Api) -> None:
     answer = api.ok("POST", "/v1/locate", key=Scope.LOCATE, json=plain(body))
     LocateOut.model_validate(answer)
     assert (answer["map_id"], answer["method"]) == (level.current_map_id, "particle")
+    assert answer["maps"] == [{"level_id": level.id, "map_id": level.current_map_id}]
     assert len(answer["fixes"]["x"]) == 3
     assert api.ok("POST", "/v1/locate", **as_msgpack(body)) == answer
     assert api.stored() == before
+
+
+def test_any_level_of_a_venue(api: Api) -> None:
+    venue_id, levels = api.mapped_venue()
+    body = plain({"venue_id": venue_id, "samples": segment_body()["samples"]})
+    answer = api.ok("POST", "/v1/locate", key=Scope.LOCATE, json=body)
+    LocateOut.model_validate(answer)
+    assert answer["map_id"] is None
+    assert answer["maps"] == [{"level_id": level.id, "map_id": level.current_map_id} for level in levels]
+    assert answer["position"]["level_id"] == levels[0].id
 
 
 def test_a_level_without_a_map(api: Api) -> None:

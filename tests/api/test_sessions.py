@@ -3,7 +3,7 @@ from __future__ import annotations
 import pytest
 
 from app.services.records import Scope
-from tests.api.harness import Api
+from tests.api.harness import Api, plain, segment_body
 
 
 def test_open_read_list_close(api: Api) -> None:
@@ -21,6 +21,7 @@ def test_open_read_list_close(api: Api) -> None:
     session = response.json()
     assert {name: session[name] for name in body} == body
     assert (session["map_id"], session["venue_id"]) == (level.current_map_id, level.venue_id)
+    assert session["maps"] == [{"level_id": level.id, "map_id": level.current_map_id}]
     assert (session["status"], session["next_seq"], session["closed_at"]) == ("open", 0, None)
     path = response.headers["Location"]
     assert api.get(path).json() == session
@@ -54,6 +55,55 @@ def test_a_map_version_can_be_pinned(api: Api) -> None:
     assert api.ok("POST", "/v1/sessions", json={"level_id": level.id})["map_id"] != first
     foreign = api.post("/v1/sessions", json={"level_id": api.level().id, "map_id": first})
     assert foreign.json()["errors"][0]["field"] == "map_id"
+
+
+def test_any_level_of_a_venue(api: Api) -> None:
+    venue_id, levels = api.mapped_venue()
+    body = {"venue_id": venue_id, "prior": {"heading_deg": 90.0}}
+    session = api.ok("POST", "/v1/sessions", key=Scope.LOCATE, json=body)
+    assert (session["venue_id"], session["level_id"], session["map_id"]) == (venue_id, None, None)
+    assert session["maps"] == [{"level_id": level.id, "map_id": level.current_map_id} for level in levels]
+    assert api.ok("GET", f"/v1/sessions/{session['id']}") == session
+    api.session_id()
+    assert [one["id"] for one in api.ok("GET", f"/v1/sessions?venue_id={venue_id}")["items"]] == [session["id"]]
+    path = f"/v1/sessions/{session['id']}"
+    sent = api.ok("POST", f"{path}/segments", json=plain(segment_body(0)), headers={"Prefer": "wait=5"})
+    assert sent["fixes"]["level_id"] == [levels[0].id] * 3
+    trajectory = api.ok("GET", f"{path}/trajectory")
+    assert (trajectory["map_id"], trajectory["maps"]) == (None, session["maps"])
+
+
+@pytest.mark.parametrize(
+    ("body", "field"),
+    [
+        ({}, "level_id"),
+        ({"venue_id": None}, "level_id"),
+        ({"venue_id": "VENUE", "level_id": "LEVEL"}, "venue_id"),
+        ({"venue_id": "VENUE", "map_id": "MAP"}, "map_id"),
+        ({"venue_id": "VENUE", "prior": {"x": 1.0, "y": 2.0}}, "prior.x"),
+    ],
+)
+@pytest.mark.parametrize("path", ["/v1/sessions", "/v1/locate"])
+def test_a_place_is_a_level_or_a_venue(api: Api, path: str, body: dict[str, object], field: str) -> None:
+    level = api.mapped_level()
+    ids = {"VENUE": level.venue_id, "LEVEL": level.id, "MAP": level.current_map_id}
+    named = {name: ids.get(str(value), value) for name, value in body.items()}
+    samples = {"samples": segment_body()["samples"]} if path == "/v1/locate" else {}
+    response = api.post(path, json=plain({**named, **samples}))
+    assert response.status_code == 422
+    (error,) = response.json()["errors"]
+    assert error["field"] == field
+    assert "level_id" in error["remedy"] or "one of the two" in error["remedy"]
+    assert api.stored()["sessions"] == 0
+
+
+def test_a_venue_without_a_map(api: Api) -> None:
+    response = api.post("/v1/sessions", json={"venue_id": api.level().venue_id})
+    assert response.status_code == 409
+    (error,) = response.json()["errors"]
+    assert (error["field"], response.json()["type"]) == ("venue_id", "https://isodyn.dev/problems/no-map")
+    assert "POST /v1/maps" in error["remedy"]
+    assert api.post("/v1/sessions", json={"venue_id": "ven_none"}).status_code == 404
 
 
 def test_a_level_without_a_map(api: Api) -> None:

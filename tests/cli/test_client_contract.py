@@ -138,6 +138,30 @@ def test_a_session_from_first_to_last(service: Service, surveyed: Surveyed, walk
         assert caught.value.field == "method"
 
 
+def test_a_session_in_a_venue_names_the_level_of_every_fix(
+    service: Service, surveyed: Surveyed, walk: RecordedWalk
+) -> None:
+    samples = samples_of(walk.samples)
+    with service.client() as client:
+        venue_id = client.level(surveyed.level_id).venue_id
+        with client.open_session(venue_id=venue_id, parameters={"particles": 500, "cold_particles": 500}) as session:
+            results = list(session.send_all(samples, wait=20))
+        assert (session.info.venue_id, session.info.level_id, session.info.map_id) == (venue_id, None, None)
+        assert session.info.maps == (isodyn.LevelMap(level_id=surveyed.level_id, map_id=surveyed.map_id),)
+        assert session.id in {one.id for one in client.sessions(venue_id=venue_id)}
+        assert all(result.state is isodyn.JobState.DONE for result in results)
+        fixes = session.positions()
+        assert set(fixes.level_id) == set(session.trajectory().level_id) == {surveyed.level_id}
+        assert {place.level_id for places in fixes.hypotheses for place in places} <= {surveyed.level_id}
+        once = client.locate(None, samples[:500], venue_id=venue_id)
+        assert (once.map_id, once.maps) == (None, session.info.maps)
+        with pytest.raises(isodyn.InvalidRequestError) as caught:
+            client.create_session(venue_id=venue_id, prior=start_of(walk))
+        assert (caught.value.field, caught.value.remedy) == ("prior.x", "send level_id, or leave x and y out")
+        with pytest.raises(isodyn.NoMapError):
+            client.create_session(venue_id=client.create_venue("Empty").id)
+
+
 def first_wifi(walk: RecordedWalk, samples: isodyn.Samples) -> isodyn.WifiScans | None:
     wifi = wifi_of(walk.wifi)
     first = next(samples.split())

@@ -159,7 +159,7 @@ class ClueLessTracker:
     """Answers any prior with one honest fix a segment that claims nothing."""
 
     def start(self, prior: Prior, *, seed: int) -> TrackerState:
-        return TrackerState("clueless", prior.level_id.encode())
+        return TrackerState("clueless", (prior.level_id or "").encode())
 
     def step(
         self, state: TrackerState, segment: Segment, map_source: MapSource
@@ -245,7 +245,10 @@ class FakeService:
     def field_raster(self, level_id: str) -> FieldRaster | None:
         return FieldRaster.of(flat_map(level_id))
 
-    def open_session(self, prior: Prior, *, method: str, parameters: Mapping[str, object]) -> str:
+    def venue_of(self, level_id: str) -> str:
+        return f"ven_{self.levels[int(level_id.removeprefix('lvl_')) - 1].site}"
+
+    def open_session(self, prior: Prior, venue_id: str, *, method: str, parameters: Mapping[str, object]) -> str:
         assert prior.level_id in self.built
         tracker = DriftingTracker(**parameters)  # type: ignore[arg-type]
         name = f"ses_{len(self.sessions)}"

@@ -97,7 +97,7 @@ def test_field_raster_shows_the_mapped_magnitude() -> None:
 
 def test_a_session_on_a_level_without_a_map_is_the_callers_matter() -> None:
     with pytest.raises(AssertionError):
-        service().open_session(Prior("other"), method="", parameters={})
+        service().open_session(Prior("other"), "ven_site", method="", parameters={})
 
 
 def test_the_evaluation_knows_no_web_library() -> None:

@@ -13,7 +13,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from app.engine.types import RadioScans
+from app.engine.types import Prior, RadioScans
 from app.evaluation.datasets.ilc20 import WifiLog
 from app.evaluation.errors import OptionsError
 from app.evaluation.protocol import (
@@ -67,7 +67,7 @@ def test_the_same_walk_gives_the_same_trip() -> None:
 def test_other_scenarios_tell_no_position() -> None:
     cold, venue = (make_trip(WALK, "lvl", scenario) for scenario in (Scenario.COLD, Scenario.VENUE))
     assert (cold.prior.x, cold.prior.y, cold.prior.level_id) == (None, None, "lvl")
-    assert (venue.prior.x, venue.prior.level_id, venue.level_id) == (None, "", "lvl")
+    assert (venue.prior, venue.level_id) == (Prior(None), "lvl")
 
 
 def test_segments_hold_every_sample_once_and_in_order() -> None:

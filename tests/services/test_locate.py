@@ -7,6 +7,7 @@ from app.engine.types import Prior, Progress
 from app.services.errors import InvalidError, NoMapError, NotFoundError
 from app.services.locate import LocateService
 from app.services.ports import WorkerLostError
+from app.services.records import LevelMap
 from app.services.tasks import LocateResult, LocateSpec
 from tests.support.builders import (
     CallingExecutor,
@@ -29,7 +30,7 @@ class Worker:
         self.specs.append(spec)
         if len(self.specs) <= self.losses:
             raise WorkerLostError
-        return locate_result(level_id=spec.prior.level_id)
+        return locate_result(level_id=spec.prior.level_id or spec.maps[-1].level_id)
 
 
 def _service(world: World, worker: Worker) -> LocateService:
@@ -50,7 +51,7 @@ def test_a_segment_is_located_and_nothing_is_stored(world: World) -> None:
         level.id, "particle", {"n_particles": 7}, Prior("?", 1.0, 2.0), samples(), wifi=scans()
     )
     assert located.fixes == locate_result(level_id=level.id).fixes
-    assert located.map_id == level.current_map_id
+    assert located.maps == (LevelMap(level.id, level.current_map_id),)
     (spec,) = worker.specs
     assert (spec.method, spec.parameters, spec.state) == ("particle", {"n_particles": 7}, None)
     assert spec.prior == Prior(level.id, 1.0, 2.0)
@@ -58,6 +59,17 @@ def test_a_segment_is_located_and_nothing_is_stored(world: World) -> None:
     assert spec.maps[0].hash == world.services.maps.current(level.id).hash
     np.testing.assert_array_equal(spec.segment.samples.mag, samples().mag)
     assert world.services.stats.stats() == before
+
+
+def test_any_level_of_a_venue(world: World) -> None:
+    venue_id, levels = world.venue(0, 1, unmapped=2)
+    worker = Worker()
+    located = _service(world, worker).locate(None, "particle", {}, None, samples(), venue_id=venue_id)
+    (spec,) = worker.specs
+    assert spec.prior == Prior(None)
+    assert [ref.level_id for ref in spec.maps] == [level.id for level in levels]
+    assert (located.level_id, [one.level_id for one in located.maps]) == (None, [level.id for level in levels])
+    assert located.fixes[0].level_id == levels[1].id
 
 
 def test_the_same_request_has_the_same_seed(world: World) -> None:
@@ -95,4 +107,4 @@ def test_an_older_version_can_be_named(world: World) -> None:
     level = world.mapped_level()
     world.build(level.id, seed=1)
     located = world.services.locate.locate(level.id, "dead_reckoning", {}, None, samples(), map_id=level.current_map_id)
-    assert (located.map_id, located.method) == (level.current_map_id, "dead_reckoning")
+    assert (located.maps[0].map_id, located.method) == (level.current_map_id, "dead_reckoning")

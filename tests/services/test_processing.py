@@ -45,7 +45,7 @@ def test_a_spec_carries_all_a_worker_needs(world: World) -> None:
     assert (spec.method, spec.prior, spec.state) == ("particle", session.prior, None)
     assert spec.seed == seed_of(session_id)
     (ref,) = spec.maps
-    assert ref.hash == world.services.maps.get(session.map_id).hash
+    assert ref.hash == world.services.maps.get(session.maps[0].map_id).hash
     assert ref.path.exists()
     result = _result(world, job)
     processing.complete_locate(job, result)

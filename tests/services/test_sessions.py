@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from app.engine.types import ImuSamples, Prior
+from app.engine.types import Hypothesis, ImuSamples, Prior
+from app.services import places
 from app.services.errors import (
     ConflictError,
     InvalidError,
@@ -19,7 +20,7 @@ from app.services.errors import (
     SequenceGapError,
     SessionClosedError,
 )
-from app.services.records import JobKind, JobState, SessionStatus
+from app.services.records import JobKind, JobState, LevelMap, SessionStatus
 from tests.support.builders import World, locate_result, new_segment, scans
 
 
@@ -28,14 +29,75 @@ def test_a_session_pins_the_current_map_and_takes_the_prior(world: World) -> Non
     current = world.services.maps.current(level.id)
     prior = Prior("somewhere else", 1.0, 2.0, heading=0.5)
     session = world.services.sessions.create(level.id, "particle", {"n_particles": 99}, prior)
-    assert (session.map_id, session.venue_id, session.next_seq) == (current.id, level.venue_id, 0)
+    assert session.maps == (LevelMap(level.id, current.id),)
+    assert (session.level_id, session.venue_id, session.next_seq) == (level.id, level.venue_id, 0)
     assert session.prior == replace(prior, level_id=level.id)
     world.build(level.id, seed=1)
     assert world.services.sessions.get(session.id) == session
-    assert world.services.sessions.create(level.id, "particle", {}).map_id != current.id
+    assert world.services.sessions.create(level.id, "particle", {}).maps[0].map_id != current.id
     pinned = world.services.sessions.create(level.id, "particle", {}, map_id=current.id)
-    assert pinned.map_id == current.id
+    assert pinned.maps == session.maps
     assert pinned.prior == Prior(level.id)
+
+
+def test_a_session_in_a_venue_pins_the_maps_of_all_its_levels(world: World) -> None:
+    venue_id, levels = world.venue(2, -1, 0, unmapped=1)
+    world.venue(0)
+    session = world.services.sessions.create(None, "particle", {}, Prior("?", heading=0.5), venue_id=venue_id)
+    by_height = sorted(levels, key=lambda level: level.ordinal)
+    assert session.maps == tuple(LevelMap(level.id, level.current_map_id or "") for level in by_height)
+    assert (session.level_id, session.venue_id, session.prior) == (None, venue_id, Prior(None, heading=0.5))
+    world.build(levels[0].id, seed=1)
+    assert world.services.sessions.get(session.id) == session
+    assert world.services.sessions.create(None, "particle", {}, venue_id=venue_id).maps != session.maps
+
+
+def test_a_segment_in_a_venue_comes_with_all_maps_and_the_tracker_names_the_level(world: World) -> None:
+    venue_id, levels = world.venue(0, 1)
+    session = world.services.sessions.create(None, "particle", {}, venue_id=venue_id)
+    world.services.sessions.accept(session.id, new_segment(0))
+    (job,) = world.services.processing.claim(1, JobKind.LOCATE_SEGMENT)
+    spec = world.services.processing.locate_spec(job)
+    assert spec.prior == Prior(None)
+    assert [ref.level_id for ref in spec.maps] == [level.id for level in levels]
+    assert [world.cache.open(ref).level_id for ref in spec.maps] == [level.id for level in levels]
+    result = locate_result(level_id=levels[1].id)
+    several = tuple(Hypothesis(level.id, 1.0, 2.0, 3.0, 0.5, 2.0, 0.5) for level in levels)
+    result = replace(result, fixes=(*result.fixes[:-1], replace(result.fixes[-1], hypotheses=several)))
+    world.services.processing.complete_locate(job, result)
+    stored = world.services.sessions.positions(session.id).items
+    assert tuple(position.fix for position in stored) == result.fixes
+
+
+def test_a_place_is_a_level_or_a_venue(world: World) -> None:
+    create = world.services.sessions.create
+    level = world.mapped_level()
+    venue_id, current = level.venue_id, level.current_map_id
+    for field, refused in (
+        ("level_id", lambda: create(None, "particle", {})),
+        ("venue_id", lambda: create(level.id, "particle", {}, venue_id=venue_id)),
+        ("map_id", lambda: create(None, "particle", {}, venue_id=venue_id, map_id=current)),
+        ("prior.x", lambda: create(None, "particle", {}, Prior("?", 1.0, 2.0), venue_id=venue_id)),
+    ):
+        with pytest.raises(InvalidError) as caught:
+            refused()
+        assert caught.value.field == field
+    with pytest.raises(NotFoundError):
+        create(None, "particle", {}, venue_id="ven_none")
+    with pytest.raises(NoMapError, match="no level of venue") as missing:
+        create(None, "particle", {}, venue_id=world.level().venue_id)
+    assert missing.value.field == "venue_id"
+    assert world.services.sessions.list().items == ()
+
+
+def test_a_venue_has_only_so_many_levels(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(places, "MAX_LEVELS", 2)
+    fits, _ = world.venue(0, 1)
+    assert len(world.services.sessions.create(None, "particle", {}, venue_id=fits).maps) == 2
+    too_many, _ = world.venue(0, 1, 2)
+    with pytest.raises(InvalidError, match="more than 2 levels") as caught:
+        world.services.sessions.create(None, "particle", {}, venue_id=too_many)
+    assert caught.value.field == "venue_id"
 
 
 def test_what_a_session_names_must_exist_and_fit(world: World) -> None:
@@ -61,13 +123,17 @@ def test_what_a_session_names_must_exist_and_fit(world: World) -> None:
     assert world.services.sessions.list().items == ()
 
 
-def test_sessions_are_listed_by_level_device_and_status(world: World) -> None:
+def test_sessions_are_listed_by_venue_level_device_and_status(world: World) -> None:
     sessions, level = world.services.sessions, world.mapped_level()
     device = world.services.devices.create("phone")
     one = sessions.create(level.id, "particle", {}, device_id=device.id)
     other = sessions.create(level.id, "particle", {})
     closed = sessions.close(one.id)
-    assert sessions.list().items == (other, closed)
+    venue_id, _ = world.venue(0)
+    anywhere = sessions.create(None, "particle", {}, venue_id=venue_id)
+    assert sessions.list(venue_id=venue_id).items == (anywhere,)
+    assert sessions.list(venue_id=level.venue_id).items == (other, closed)
+    assert sessions.list().items == (anywhere, other, closed)
     assert sessions.list(level_id=level.id, status=SessionStatus.OPEN).items == (other,)
     assert sessions.list(device_id=device.id).items == (closed,)
     assert sessions.list(level_id="lvl_none").items == ()

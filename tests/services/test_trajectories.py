@@ -59,9 +59,10 @@ def test_all_processed_segments_are_smoothed_at_once_and_nothing_is_stored(world
     (spec,) = worker.specs
     assert (spec.method, spec.parameters, spec.prior) == ("particle", session.parameters, session.prior)
     assert spec.seed == seed_of(session_id)
-    assert spec.maps[0].hash == world.services.maps.get(session.map_id).hash
+    assert [ref.hash for ref in spec.maps] == [world.services.maps.get(session.maps[0].map_id).hash]
     assert [segment.samples.t[0] for segment in spec.segments] == [T0, T0 + 10.0]
-    assert (answer.session_id, answer.map_id, answer.method) == (session_id, session.map_id, "particle")
+    assert (answer.session_id, answer.level_id, answer.method) == (session_id, session.level_id, "particle")
+    assert answer.maps == session.maps
     assert [fix.t for fix in answer.fixes] == [T0, T0 + 10.0]
     assert world.services.stats.stats() == before
 
@@ -70,8 +71,20 @@ def test_the_map_is_the_one_the_session_was_opened_with(world: World) -> None:
     session_id, worker = _processed(world, JobState.DONE), Worker()
     session = world.services.sessions.get(session_id)
     world.build(session.level_id, seed=1)
-    assert _service(world, worker).trajectory(session_id).map_id == session.map_id
-    assert worker.specs[0].maps[0].hash == world.services.maps.get(session.map_id).hash
+    assert _service(world, worker).trajectory(session_id).maps == session.maps
+    assert worker.specs[0].maps[0].hash == world.services.maps.get(session.maps[0].map_id).hash
+
+
+def test_a_session_in_a_venue_is_smoothed_on_all_its_maps(world: World) -> None:
+    venue_id, levels = world.venue(0, 1)
+    session, worker = world.services.sessions.create(None, "particle", {}, venue_id=venue_id), Worker()
+    world.services.sessions.accept(session.id, new_segment(0))
+    (job,) = world.services.processing.claim(1, JobKind.LOCATE_SEGMENT)
+    world.services.processing.complete_locate(job, locate_result(0, level_id=levels[1].id))
+    answer = _service(world, worker).trajectory(session.id)
+    assert (answer.level_id, answer.maps) == (None, session.maps)
+    assert worker.specs[0].prior.level_id is None
+    assert [ref.level_id for ref in worker.specs[0].maps] == [level.id for level in levels]
 
 
 def test_a_session_without_processed_segments_has_no_fixes(world: World) -> None:

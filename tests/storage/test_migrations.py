@@ -1,4 +1,4 @@
-"""Migrating an empty database gives exactly the tables of the models."""
+"""Migrating an empty database gives exactly the tables of the models; what was stored before can still be read."""
 
 from __future__ import annotations
 
@@ -11,8 +11,11 @@ from alembic.migration import MigrationContext
 from alembic.script import ScriptDirectory
 from sqlalchemy import Engine, inspect
 
+from app.engine.types import Hypothesis, Prior
+from app.services.records import LevelMap
 from app.storage import Database
-from app.storage.migrations import config_for
+from app.storage.database import BrokenReferencesError
+from app.storage.migrations import config_for, upgrade
 from app.storage.models import metadata
 
 
@@ -71,3 +74,56 @@ def test_revisions_form_one_line(migrated: Database) -> None:
         script = ScriptDirectory.from_config(config_for(connection))
     assert len(script.get_heads()) == 1
     assert len(script.get_bases()) == 1
+
+
+_NOW = "2026-11-22 08:00:00.000000"
+_VENUE = f"INSERT INTO venues VALUES ('ven', 'House', 'indoor', NULL, NULL, NULL, NULL, '{_NOW}', '{_NOW}')"
+_LEVEL = f"INSERT INTO levels VALUES ('lvl', 'ven', '1', 0, 0, 0, 9, 9, 0, 0, '{_NOW}', '{_NOW}')"
+_MAP = f"""INSERT INTO maps VALUES ('map', 'lvl', 1, NULL, 'h', 'hv', 0, 0, 0.5, 2, 2, 1.5, '[1, 1]', 1, 1, 1, 9, 2,
+    '[1, 1]', '[]', 1, 0, '{_NOW}')"""
+_SESSION = f"""INSERT INTO sessions VALUES ('ses', 'ven', 'lvl', 'map', NULL, 'particle', '{{}}',
+    '{{"level_id": "lvl", "x": null, "y": null, "radius_m": 3.0, "heading": null, "heading_sd": 0.35}}',
+    'open', 1, '{_NOW}', NULL)"""
+_STATE = "INSERT INTO tracker_states VALUES ('ses', 'particle', x'00', 5.0)"
+_FIX = """INSERT INTO fixes VALUES ('ses', 0, 0, 1.0, 'lvl', 1, 2, 1, 0, 1, 0, 'ambiguous', 0.5, 0, NULL,
+    '[[1.0, 2.0, 1.0, 0.0, 1.0, 0.75]]')"""
+"""Rows as they were stored at revision r0002."""
+
+
+def _at_revision(folder: Path, revision: str) -> Database:
+    database = Database.at(folder / "old.db")
+    with database.engine.begin() as connection:
+        upgrade(connection, revision)
+    return database
+
+
+def test_a_session_of_before_keeps_its_map_its_state_and_its_fixes(tmp_path: Path) -> None:
+    database = _at_revision(tmp_path, "r0002")
+    with database.engine.begin() as connection:
+        for statement in (_VENUE, _LEVEL, _MAP, _SESSION, _STATE, _FIX):
+            connection.exec_driver_sql(statement)
+    database.migrate()
+    with database() as uow:
+        session = uow.sessions.get("ses")
+        state = uow.sessions.state("ses")
+        (position,) = uow.sessions.list_positions("ses", seq=None, cursor=None, limit=9).items
+    assert (session.level_id, session.maps, session.prior) == ("lvl", (LevelMap("lvl", "map"),), Prior("lvl"))
+    assert state is not None
+    assert state.payload == b"\0"
+    assert position.fix.hypotheses == (Hypothesis("lvl", 1.0, 2.0, 1.0, 0.0, 1.0, 0.75),)
+    with database.engine.connect() as connection:
+        assert connection.exec_driver_sql("PRAGMA foreign_keys").scalar() == 1
+    database.close()
+
+
+def test_rows_that_refer_to_none_stop_a_migration(tmp_path: Path) -> None:
+    database = _at_revision(tmp_path, "r0002")
+    with database.engine.connect() as connection:
+        connection.connection.execute("PRAGMA foreign_keys=OFF")
+        with connection.begin():
+            connection.exec_driver_sql(_LEVEL)
+    with pytest.raises(BrokenReferencesError):
+        database.migrate()
+    with database.engine.connect() as connection:
+        assert connection.exec_driver_sql("SELECT version_num FROM alembic_version").scalar() == "r0002"
+    database.close()

@@ -21,6 +21,7 @@ from app.services.records import (
     JobKind,
     JobState,
     Level,
+    LevelMap,
     MapInfo,
     NewBuild,
     Page,
@@ -85,8 +86,9 @@ def map_info(id_: str = "map_1", *, version: int = 1, content_hash: str = "0" * 
 def session(id_: str = "ses_1", *, device_id: str | None = None) -> Session:
     prior = Prior("lvl_1", 1.0, 2.0, 3.0, heading=0.5)
     parameters = {"n_particles": 500, "sd": 0.1, "name": "x", "on": True, "list": [1, 2]}
+    maps = (LevelMap("lvl_1", "map_1"),)
     return Session(
-        id_, "ven_1", "lvl_1", "map_1", device_id, "particle", parameters, prior, SessionStatus.OPEN, 0, START, None
+        id_, "ven_1", "lvl_1", maps, device_id, "particle", parameters, prior, SessionStatus.OPEN, 0, START, None
     )
 
 
@@ -329,16 +331,41 @@ def test_sessions(database: Database) -> None:
         assert uow.sessions.close("ses_1", LATER + timedelta(hours=1)) == closed
         assert uow.sessions.get("ses_2") == session("ses_2", device_id="dev_1")
 
-        def listed(level_id: str | None = None, device_id: str | None = None, status: str | None = None) -> list[str]:
-            filters = {"level_id": level_id, "device_id": device_id, "status": status}
+        def listed(**wanted: str) -> list[str]:
+            filters = dict.fromkeys(("venue_id", "level_id", "device_id", "status")) | wanted
             return ids(uow.sessions.list(**filters, cursor=None, limit=9))
 
         assert listed() == ["ses_2", "ses_1"]
         assert listed(level_id="lvl_1") == ["ses_2", "ses_1"]
-        assert listed(level_id="lvl_2") == []
+        assert listed(level_id="lvl_2") == listed(venue_id="ven_2") == []
+        assert listed(venue_id="ven_1") == ["ses_2", "ses_1"]
         assert listed(device_id="dev_1") == ["ses_2"]
         assert listed(status=SessionStatus.CLOSED) == ["ses_1"]
         assert listed(status=SessionStatus.OPEN) == ["ses_2"]
+
+
+def test_a_session_in_a_venue_has_no_level_and_all_maps(database: Database) -> None:
+    maps = (LevelMap("lvl_1", "map_1"), LevelMap("lvl_2", "map_2"))
+    anywhere = replace(session("ses_2"), level_id=None, maps=maps, prior=Prior(None, heading=0.5))
+    write(database, add_map, lambda uow: uow.sessions.add(anywhere))
+    with database() as uow:
+        assert uow.sessions.get("ses_2") == anywhere
+
+
+def test_current_maps_of_a_venue_come_lowest_level_first(database: Database) -> None:
+    def add(uow: UnitOfWork, number: int, ordinal: int, *, mapped: bool = True) -> None:
+        uow.levels.add(replace(level(f"lvl_{number}"), ordinal=ordinal))
+        if mapped:
+            uow.maps.add(map_info(f"map_{number}", level_id=f"lvl_{number}"), uow.maps.pack(grid_map()))
+            uow.levels.set_current_map(f"lvl_{number}", f"map_{number}", LATER)
+
+    write(database, lambda uow: (uow.venues.add(venue()), uow.venues.add(venue("ven_2"))))
+    write(database, lambda uow: add(uow, 1, 2), lambda uow: add(uow, 2, -1), lambda uow: add(uow, 3, 0, mapped=False))
+    with database() as uow:
+        expected = (LevelMap("lvl_2", "map_2"), LevelMap("lvl_1", "map_1"))
+        assert uow.levels.current_maps("ven_1", limit=9) == expected
+        assert uow.levels.current_maps("ven_1", limit=1) == expected[:1]
+        assert uow.levels.current_maps("ven_2", limit=9) == ()
 
 
 def test_segments(database: Database) -> None:

@@ -218,14 +218,15 @@ def queued_job(id_: str = "job_1", *, key: str = "ses_1", kind: JobKind = JobKin
 def answer_locate(spec: LocateSpec, progress: Progress) -> LocateResult:
     """A locate task without an engine: three fixes that carry the spec's seed."""
     chunk = spec.segment.samples
-    fixes = tuple(fix(float(t), level_id=spec.prior.level_id, x=spec.seed % 1000) for t in chunk.t[:3])
+    level_id = spec.prior.level_id or spec.maps[0].level_id
+    fixes = tuple(fix(float(t), level_id=level_id, x=spec.seed % 1000) for t in chunk.t[:3])
     payload = (spec.state.payload if spec.state else b"") + b"."
     return LocateResult(TrackerState(spec.method, payload, float(chunk.t[-1])), fixes, cpu_s=0.0)
 
 
 def answer_smooth(spec: SmoothSpec, progress: Progress) -> SmoothResult:
     """A smoothing task without an engine: one fix per segment that carries the spec's seed."""
-    level_id = spec.prior.level_id
+    level_id = spec.prior.level_id or spec.maps[0].level_id
     fixes = tuple(fix(float(s.samples.t[0]), level_id=level_id, x=spec.seed % 1000) for s in spec.segments)
     return SmoothResult(fixes, cpu_s=0.0)
 
@@ -300,6 +301,19 @@ class World:
         level = self.surveyed_level()
         self.build(level.id, seed=seed)
         return self.services.venues.get_level(level.id)
+
+    def venue(self, *ordinals: int, unmapped: int | None = None) -> tuple[str, list[Level]]:
+        """A venue with a mapped level for each ordinal (and one without a map), created in this order."""
+        venue_id = self.services.venues.create("Tower", VenueKind.INDOOR, None).id
+        levels = []
+        for ordinal in (*ordinals, *(() if unmapped is None else (unmapped,))):
+            level = self.services.venues.create_level(venue_id, str(ordinal), ordinal, (-3.5, 2.25, 61.0, 36.75))
+            if ordinal != unmapped:
+                survey = self.services.surveys.create(level.id, "survey")
+                self.services.surveys.add_walk(survey.id, new_walk())
+                self.build(level.id, seed=ordinal + 100)
+                levels.append(self.services.venues.get_level(level.id))
+        return venue_id, levels
 
     def build(self, level_id: str, *, seed: int = 0) -> Job:
         """Request a map and complete the job by hand."""

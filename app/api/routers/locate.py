@@ -44,7 +44,10 @@ class _Query:
     openapi_extra=upload(LocateIn, LOCATE_EXAMPLE),
 )
 async def locate(request: Request, context: ContextDep) -> Response:
-    """Send samples, get their trajectory: no session, nothing stored. At most 60 s or 20,000 samples."""
+    """Send samples, get their trajectory: no session, nothing stored. At most 60 s or 20,000 samples.
+
+    Exactly one of `level_id` and `venue_id`; with a venue the level is found among those that have a map.
+    """
     require_media_type(request, *UPLOAD_TYPES)
     body = await read_body(request, context.settings.max_body_bytes, inflated=SEGMENT_BYTES)
     # Decoded under the limit of uploads, not of locations: sixteen large bodies at once would be gigabytes.
@@ -66,8 +69,9 @@ def _locate(services: Services, query: _Query) -> bytes:
         request.level_id,
         request.method,
         request.parameters,
-        request.prior.prior(request.level_id) if request.prior else None,
+        request.prior.prior() if request.prior else None,
         query.samples,
+        venue_id=request.venue_id,
         wifi=query.wifi,
         map_id=request.map_id,
     )

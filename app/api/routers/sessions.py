@@ -28,13 +28,18 @@ router = api_router("sessions")
     openapi_extra={"parameters": [IDEMPOTENCY_PARAMETER]},
 )
 def create_session(body: SessionIn, services: ServicesDep, creation: CreationDep, response: Response) -> SessionOut:
-    """Open a session: one trip of one device on a level. The level's current map (or `map_id`) is pinned to it."""
+    """Open a session: one trip of one device, on a level or (level unknown) anywhere in a venue.
+
+    Exactly one of `level_id` and `venue_id`. The level's current map (or `map_id`) is pinned to the session, or the
+    current maps of all levels of the venue that have one.
+    """
     session = creation.once(
         lambda: services.sessions.create(
             body.level_id,
             body.method,
             body.parameters,
-            body.prior.prior(body.level_id) if body.prior else None,
+            body.prior.prior() if body.prior else None,
+            venue_id=body.venue_id,
             device_id=body.device_id,
             map_id=body.map_id,
         ),
@@ -55,12 +60,13 @@ def list_sessions(
     paging: PagingDep,
     request: Request,
     response: Response,
-    level_id: Annotated[str | None, Query(description="Of this level only.")] = None,
+    venue_id: Annotated[str | None, Query(description="Of this venue only.")] = None,
+    level_id: Annotated[str | None, Query(description="Opened on this level only.")] = None,
     device_id: Annotated[str | None, Query(description="Of this device only.")] = None,
     status: Annotated[SessionStatus | None, Query(description="Only open or closed ones.")] = None,
 ) -> SessionPage:
     """Sessions, newest first."""
-    page = services.sessions.list(level_id, device_id, status, paging.cursor, paging.limit)
+    page = services.sessions.list(level_id, device_id, status, paging.cursor, paging.limit, venue_id=venue_id)
     link_next(request, response, page.next_cursor)
     return SessionPage(items=[SessionOut.of(session) for session in page.items], next_cursor=page.next_cursor)
 

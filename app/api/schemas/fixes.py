@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import asdict
 from typing import Annotated, Any
 
 from pydantic import Field
@@ -46,6 +45,7 @@ class EllipseOut(Out):
 class HypothesisOut(Out):
     """One of several places that fit."""
 
+    level_id: str
     x: Annotated[float, Field(description="m, level frame.")]
     y: Annotated[float, Field(description="m, level frame.")]
     cov_xx: Annotated[float, Field(description="m^2.")]
@@ -137,13 +137,21 @@ def fix_columns(fixes: Sequence[Fix]) -> dict[str, list[Any]]:
         "sure": [fix.sure for fix in fixes],
         "walk_on_m": [fix.walk_on_m for fix in fixes],
         "level_id": [fix.level_id for fix in fixes],
-        "hypotheses": [[_hypothesis(h) for h in fix.hypotheses] for fix in fixes],
+        "hypotheses": [[hypothesis_object(h) for h in fix.hypotheses] for fix in fixes],
     }
 
 
-def _hypothesis(h: Hypothesis) -> dict[str, float]:
-    digits = {"x": 3, "y": 3, "weight": 4}
-    return {name: round(value, digits.get(name, 6)) for name, value in asdict(h).items() if name != "level_id"}
+def hypothesis_object(h: Hypothesis) -> dict[str, Any]:
+    """One of several places as plain values, the shape of HypothesisOut."""
+    return {
+        "level_id": h.level_id,
+        "x": round(h.x, 3),
+        "y": round(h.y, 3),
+        "cov_xx": round(h.cov_xx, 6),
+        "cov_xy": round(h.cov_xy, 6),
+        "cov_yy": round(h.cov_yy, 6),
+        "weight": round(h.weight, 4),
+    }
 
 
 def position_object(fix: Fix) -> dict[str, Any]:

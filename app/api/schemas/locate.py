@@ -6,11 +6,12 @@ from typing import Annotated, Any
 
 from pydantic import ConfigDict, Field
 
-from app.api.schemas.base import IdRef, Out, example
+from app.api.schemas.base import Out, example
 from app.api.schemas.fixes import FIXES_EXAMPLE, POSITION_EXAMPLE, FixesOut, PositionOut, fix_columns, position_object
 from app.api.schemas.levels import LEVEL_ID
 from app.api.schemas.maps import MAP_ID
 from app.api.schemas.methods import MethodName
+from app.api.schemas.places import LevelOfTrip, MapIdOut, MapOfTrip, MapsOut, VenueOfTrip, maps_object
 from app.api.schemas.samples import SAMPLES_EXAMPLE, ColumnsIn, Frame, SamplesIn, WifiIn
 from app.api.schemas.sessions import PRIOR_EXAMPLE, Parameters, PriorIn
 from app.engine.localization.registry import DEFAULT_METHOD
@@ -24,11 +25,12 @@ class LocateIn(ColumnsIn):
 
     model_config = ConfigDict(json_schema_extra={"examples": [LOCATE_EXAMPLE]})
 
-    level_id: IdRef
+    level_id: LevelOfTrip = None
+    venue_id: VenueOfTrip = None
     method: MethodName = DEFAULT_METHOD
     parameters: Parameters = Field(default_factory=dict)
     prior: PriorIn | None = None
-    map_id: Annotated[IdRef | None, Field(description="A map version of the level; null: its current one.")] = None
+    map_id: MapOfTrip = None
     frame: Frame = Frame.ANDROID
     samples: SamplesIn
     wifi: WifiIn | None = None
@@ -38,10 +40,17 @@ class LocateOut(Out):
     """The trajectory of the samples."""
 
     model_config = example(
-        {"map_id": MAP_ID, "method": DEFAULT_METHOD, "fixes": FIXES_EXAMPLE, "position": POSITION_EXAMPLE}
+        {
+            "map_id": MAP_ID,
+            "maps": [{"level_id": LEVEL_ID, "map_id": MAP_ID}],
+            "method": DEFAULT_METHOD,
+            "fixes": FIXES_EXAMPLE,
+            "position": POSITION_EXAMPLE,
+        }
     )
 
-    map_id: str
+    map_id: MapIdOut
+    maps: MapsOut
     method: str
     fixes: FixesOut
     position: Annotated[PositionOut | None, Field(description="The last fix.")]
@@ -50,7 +59,7 @@ class LocateOut(Out):
 def located_object(located: Located) -> dict[str, Any]:
     """Return the answer as plain values, the shape of LocateOut."""
     return {
-        "map_id": located.map_id,
+        **maps_object(located.level_id, located.maps),
         "method": located.method,
         "fixes": fix_columns(located.fixes),
         "position": position_object(located.fixes[-1]) if located.fixes else None,

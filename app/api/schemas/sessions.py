@@ -13,6 +13,7 @@ from app.api.schemas.devices import DEVICE_ID
 from app.api.schemas.levels import LEVEL_ID
 from app.api.schemas.maps import MAP_ID
 from app.api.schemas.methods import MethodName
+from app.api.schemas.places import LevelOfTrip, MapIdOut, MapOfTrip, MapsOut, VenueOfTrip, maps_object
 from app.api.schemas.venues import VENUE_ID
 from app.engine.localization.registry import DEFAULT_METHOD
 from app.engine.types import Prior
@@ -26,6 +27,7 @@ _SESSION = {
     "venue_id": VENUE_ID,
     "level_id": LEVEL_ID,
     "map_id": MAP_ID,
+    "maps": [{"level_id": LEVEL_ID, "map_id": MAP_ID}],
     "device_id": DEVICE_ID,
     "method": DEFAULT_METHOD,
     "parameters": {},
@@ -57,7 +59,7 @@ Parameters = Annotated[
 
 
 class PriorIn(In):
-    """What is known before the first segment. Without `x` and `y`: anywhere on the level."""
+    """What is known before the first segment. Without `x` and `y`: anywhere on the level; they need a `level_id`."""
 
     model_config = example(PRIOR_EXAMPLE)
 
@@ -80,10 +82,10 @@ class PriorIn(In):
             )
         return self
 
-    def prior(self, level_id: str) -> Prior:
-        """Return the engine's prior."""
+    def prior(self) -> Prior:
+        """Return the engine's prior; the service puts the level in."""
         return Prior(
-            level_id=level_id,
+            level_id=_DEFAULTS.level_id,
             x=self.x,
             y=self.y,
             radius_m=self.radius_m,
@@ -118,12 +120,13 @@ class SessionIn(In):
 
     model_config = example({"level_id": LEVEL_ID, "prior": PRIOR_EXAMPLE, "device_id": DEVICE_ID})
 
-    level_id: IdRef
+    level_id: LevelOfTrip = None
+    venue_id: VenueOfTrip = None
     method: MethodName = DEFAULT_METHOD
     parameters: Parameters = Field(default_factory=dict)
     prior: PriorIn | None = None
     device_id: IdRef | None = None
-    map_id: Annotated[IdRef | None, Field(description="A map version of the level; null: its current one.")] = None
+    map_id: MapOfTrip = None
 
 
 class SessionOut(Out):
@@ -133,8 +136,9 @@ class SessionOut(Out):
 
     id: str
     venue_id: str
-    level_id: str
-    map_id: str
+    level_id: Annotated[str | None, Field(description="Null: any level of the venue; each fix names its own.")]
+    map_id: MapIdOut
+    maps: MapsOut
     device_id: str | None
     method: str
     parameters: dict[str, Any]
@@ -151,7 +155,7 @@ class SessionOut(Out):
             id=session.id,
             venue_id=session.venue_id,
             level_id=session.level_id,
-            map_id=session.map_id,
+            **maps_object(session.level_id, session.maps),
             device_id=session.device_id,
             method=session.method,
             parameters=dict(session.parameters),

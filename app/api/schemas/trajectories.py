@@ -8,7 +8,9 @@ from pydantic import Field
 
 from app.api.schemas.base import Out, example
 from app.api.schemas.fixes import FIXES_EXAMPLE, FixesOut, fix_columns
+from app.api.schemas.levels import LEVEL_ID
 from app.api.schemas.maps import MAP_ID
+from app.api.schemas.places import MapIdOut, MapsOut, maps_object
 from app.api.schemas.sessions import SESSION_ID
 from app.engine.localization.registry import DEFAULT_METHOD
 from app.services.records import Trajectory
@@ -23,6 +25,7 @@ class TrajectoryOut(Out):
         {
             "session_id": SESSION_ID,
             "map_id": MAP_ID,
+            "maps": [{"level_id": LEVEL_ID, "map_id": MAP_ID}],
             "method": DEFAULT_METHOD,
             "kind": SMOOTHED,
             "fixes": FIXES_EXAMPLE,
@@ -30,7 +33,8 @@ class TrajectoryOut(Out):
     )
 
     session_id: str
-    map_id: Annotated[str, Field(description="The map version of the session.")]
+    map_id: MapIdOut
+    maps: MapsOut
     method: str
     kind: Annotated[Literal["smoothed"], Field(description="Not what was answered in the moment: see `positions`.")]
     fixes: Annotated[FixesOut, Field(description="One per step.")]
@@ -40,7 +44,7 @@ def trajectory_object(trajectory: Trajectory) -> dict[str, Any]:
     """Return the answer as plain values, the shape of TrajectoryOut."""
     return {
         "session_id": trajectory.session_id,
-        "map_id": trajectory.map_id,
+        **maps_object(trajectory.level_id, trajectory.maps),
         "method": trajectory.method,
         "kind": SMOOTHED,
         "fixes": fix_columns(trajectory.fixes),

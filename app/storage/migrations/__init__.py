@@ -10,6 +10,7 @@ from pathlib import Path
 
 from alembic import command
 from alembic.config import Config
+from alembic.migration import MigrationContext
 from sqlalchemy import Connection
 
 
@@ -22,6 +23,12 @@ def config_for(connection: Connection) -> Config:
     return config
 
 
-def upgrade(connection: Connection, revision: str = "head") -> None:
-    """Bring the schema to ``revision`` inside the caller's transaction."""
+def upgrade(connection: Connection, revision: str = "head") -> bool:
+    """Bring the schema to ``revision`` inside the caller's transaction; returns whether it changed."""
+    before = _revision_of(connection)
     command.upgrade(config_for(connection), revision)
+    return _revision_of(connection) != before
+
+
+def _revision_of(connection: Connection) -> str | None:
+    return MigrationContext.configure(connection).get_current_revision()

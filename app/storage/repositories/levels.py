@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from datetime import datetime
 from typing import Any
 
 from sqlalchemy import Row, delete, insert, select, update
 
-from app.services.records import Level, Page
+from app.services.records import Level, LevelMap, Page
 from app.storage.models import current_maps, level_plans, levels
 from app.storage.repositories.base import Repository, expect_one
 
@@ -70,6 +71,17 @@ class SqlLevelRepository(Repository):
         self._mark(level_id, now)
         self._write(delete(current_maps).where(current_maps.c.level_id == level_id))
         self._write(insert(current_maps).values(level_id=level_id, map_id=map_id))
+
+    def current_maps(self, venue_id: str, *, limit: int) -> Sequence[LevelMap]:
+        """Current maps of the venue's levels that have one, lowest level first, at most ``limit``."""
+        statement = (
+            select(levels.c.id, current_maps.c.map_id)
+            .join(current_maps, current_maps.c.level_id == levels.c.id)
+            .where(levels.c.venue_id == venue_id)
+            .order_by(levels.c.ordinal, levels.c.id)
+            .limit(limit)
+        )
+        return tuple(LevelMap(row.id, row.map_id) for row in self._read(statement))
 
     def _mark(self, level_id: str, now: datetime, **flags: bool) -> None:
         changed = self._write(update(levels).where(levels.c.id == level_id).values(updated_at=now, **flags))

@@ -15,7 +15,7 @@ from sqlalchemy import BindParameter, Row, bindparam, func, insert, select, upda
 from app.engine.localization.codec import prior_from
 from app.engine.types import Fix, Hypothesis, Segment, Status, TrackerState
 from app.services.errors import SequenceGapError
-from app.services.records import JobState, NewSegment, Page, Position, SegmentInfo, Session, SessionStatus
+from app.services.records import JobState, LevelMap, NewSegment, Page, Position, SegmentInfo, Session, SessionStatus
 from app.storage.columns import decode_samples, decode_scans, encode_samples, encode_scans
 from app.storage.models import fixes, jobs, segment_samples, segments, sessions, tracker_states
 from app.storage.repositories.base import Repository, expect_one, page
@@ -77,7 +77,7 @@ class SqlSessionRepository(Repository):
                 "id": session.id,
                 "venue_id": session.venue_id,
                 "level_id": session.level_id,
-                "map_id": session.map_id,
+                "maps": [[one.level_id, one.map_id] for one in session.maps],
                 "device_id": session.device_id,
                 "method": session.method,
                 "parameters": dict(session.parameters),
@@ -95,15 +95,21 @@ class SqlSessionRepository(Repository):
         return _session(self._one("session", session_id, statement, {"session": session_id}))
 
     def list(
-        self, *, level_id: str | None, device_id: str | None, status: str | None, cursor: str | None, limit: int
+        self,
+        *,
+        venue_id: str | None,
+        level_id: str | None,
+        device_id: str | None,
+        status: str | None,
+        cursor: str | None,
+        limit: int,
     ) -> Page[Session]:
         """Sessions, newest first."""
         statement = select(sessions)
-        for column, value in ((sessions.c.level_id, level_id), (sessions.c.device_id, device_id)):
+        wanted = {"venue_id": venue_id, "level_id": level_id, "device_id": device_id, "status": status}
+        for name, value in wanted.items():
             if value is not None:
-                statement = statement.where(column == value)
-        if status is not None:
-            statement = statement.where(sessions.c.status == status)
+                statement = statement.where(sessions.c[name] == value)
         return self._newest_first(statement, sessions.c.id, _session, cursor=cursor, limit=limit)
 
     def close(self, session_id: str, now: datetime) -> Session:
@@ -216,7 +222,7 @@ def _session(row: Row[Any]) -> Session:
         id=row.id,
         venue_id=row.venue_id,
         level_id=row.level_id,
-        map_id=row.map_id,
+        maps=tuple(LevelMap(*one) for one in row.maps),
         device_id=row.device_id,
         method=row.method,
         parameters=row.parameters,
@@ -283,6 +289,11 @@ def _position(row: Row[Any]) -> Position:
         quality=row.quality,
         sure=row.sure,
         walk_on_m=row.walk_on_m,
-        hypotheses=tuple(Hypothesis(*values) for values in row.hypotheses or ()),
+        hypotheses=tuple(_hypothesis(row.level_id, values) for values in row.hypotheses or ()),
     )
     return Position(row.session_id, row.number, row.seq, fix)
+
+
+def _hypothesis(level_id: str, values: Sequence[Any]) -> Hypothesis:
+    """A stored hypothesis; before a search knew several levels they were all on the fix's and named none."""
+    return Hypothesis(*values) if isinstance(values[0], str) else Hypothesis(level_id, *values)

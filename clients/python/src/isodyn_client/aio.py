@@ -139,17 +139,27 @@ class AsyncClient:
 
     async def open_session(
         self,
-        level_id: str,
+        level_id: str | None = None,
         *,
+        venue_id: str | None = None,
         method: str | None = None,
         parameters: Mapping[str, Any] | None = None,
         prior: Prior | None = None,
         device_id: str | None = None,
         map_id: str | None = None,
     ) -> AsyncSession:
-        """Open a session: one trip of one device. Use it in an ``async with`` block, which closes it at the end."""
+        """Open a session: one trip of one device, on a level, or with ``venue_id`` instead on any level of a venue.
+
+        Use it in an ``async with`` block, which closes it at the end.
+        """
         info = await self.create_session(
-            level_id, method=method, parameters=parameters, prior=prior, device_id=device_id, map_id=map_id
+            level_id,
+            venue_id=venue_id,
+            method=method,
+            parameters=parameters,
+            prior=prior,
+            device_id=device_id,
+            map_id=map_id,
         )
         return AsyncSession(self, info)
 

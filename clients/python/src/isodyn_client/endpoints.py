@@ -285,19 +285,24 @@ def _as_raster(response: httpx.Response) -> FieldRaster:
 
 
 def create_session(
-    level_id: str,
+    level_id: str | None = None,
     *,
+    venue_id: str | None = None,
     method: str | None = None,
     parameters: Mapping[str, Any] | None = None,
     prior: Prior | None = None,
     device_id: str | None = None,
     map_id: str | None = None,
 ) -> Call[SessionInfo]:
-    """Open a session: one trip of one device. Without a method the service's default is used."""
+    """Open a session: one trip of one device, on a level, or with ``venue_id`` instead on any level of a venue.
+
+    Without a method the service's default is used.
+    """
     return _create(
         "/v1/sessions",
         SessionInfo,
         level_id=level_id,
+        venue_id=venue_id,
         method=method,
         parameters=parameters,
         prior=prior and prior.model_dump(exclude_none=True),
@@ -312,11 +317,16 @@ def session_info(session_id: str) -> Call[SessionInfo]:
 
 
 def sessions(
-    *, level_id: str | None = None, device_id: str | None = None, status: SessionStatus | str | None = None
+    *,
+    venue_id: str | None = None,
+    level_id: str | None = None,
+    device_id: str | None = None,
+    status: SessionStatus | str | None = None,
 ) -> Listing[SessionInfo]:
-    """All sessions (of one level, of one device, open or closed), newest first."""
+    """All sessions (in one venue, opened on one level, of one device, open or closed), newest first."""
     status = str(status) if status is not None else None
-    return _list("/v1/sessions", SessionInfo, level_id=level_id, device_id=device_id, status=status)
+    wanted = {"venue_id": venue_id, "level_id": level_id, "device_id": device_id, "status": status}
+    return _list("/v1/sessions", SessionInfo, **wanted)
 
 
 def close_session(session_id: str) -> Call[SessionInfo]:
@@ -380,9 +390,10 @@ def trajectory(session_id: str) -> Call[Fixes]:
 
 
 def locate(
-    level_id: str,
+    level_id: str | None,
     samples: Samples,
     *,
+    venue_id: str | None = None,
     method: str | None = None,
     parameters: Mapping[str, Any] | None = None,
     prior: Prior | None = None,
@@ -391,10 +402,14 @@ def locate(
     encoding: Encoding | str = Encoding.MSGPACK,
     gzip: bool = False,
 ) -> Call[LocateResult]:
-    """Locate one stretch of samples, without a session; nothing is stored."""
+    """Locate one stretch of samples, without a session; nothing is stored.
+
+    With ``level_id`` None and a ``venue_id``: on any level of the venue.
+    """
     fields = present(
         {
             "level_id": level_id,
+            "venue_id": venue_id,
             "method": method,
             "parameters": parameters,
             "prior": prior and prior.model_dump(exclude_none=True),

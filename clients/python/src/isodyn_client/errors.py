@@ -15,7 +15,7 @@
     │   │   ├── SequenceConflictError    this ``seq`` was sent before with other samples
     │   │   ├── SequenceGapError         an earlier ``seq`` is missing
     │   │   ├── SessionClosedError
-    │   │   ├── NoMapError               the level has no map yet
+    │   │   ├── NoMapError               the level, or no level of the venue, has a map yet
     │   │   └── NoAnchorError            GeoJSON is asked for, and the venue has no anchor
     │   ├── TooLargeError            413: the body is larger than the service accepts
     │   ├── RateLimitedError         429: too many requests; ``retry_after_s`` says when to come back
@@ -161,7 +161,7 @@ class SessionClosedError(ConflictError):
 
 
 class NoMapError(ConflictError):
-    """The level has no map yet: upload survey walks and build one."""
+    """The level, or no level of the venue, has a map yet: upload survey walks and build one."""
 
 
 class NoAnchorError(ConflictError):

@@ -200,7 +200,7 @@ class MapInfo(Model):
 class Prior(Model):
     """What is known before the first segment.
 
-    ``x`` and ``y`` together give a disc of ``radius_m``; without them the device may be anywhere on the level.
+    ``x`` and ``y`` together give a disc of ``radius_m`` and need a level; without them the device may be anywhere.
     ``heading_deg`` is the direction of the device's y axis in the level frame, counter-clockwise from +x.
     """
 
@@ -211,13 +211,21 @@ class Prior(Model):
     heading_sd_deg: float | None = None
 
 
+class LevelMap(Model):
+    """The map version that is used on a level."""
+
+    level_id: str
+    map_id: str
+
+
 class SessionInfo(Model):
-    """A session as the service keeps it."""
+    """A session as the service keeps it. ``level_id`` and ``map_id`` are None if it was opened on a whole venue."""
 
     id: str
     venue_id: str
-    level_id: str
-    map_id: str
+    level_id: str | None = None
+    map_id: str | None = None
+    maps: tuple[LevelMap, ...] = ()
     device_id: str | None = None
     method: str
     parameters: Mapping[str, Any] = {}
@@ -237,8 +245,9 @@ class Ellipse(Model):
 
 
 class Hypothesis(Model):
-    """One of several places that fit: position (m, level frame), covariance (m^2), share of the belief."""
+    """One of several places that fit: level, position (m, level frame), covariance (m^2), share of the belief."""
 
+    level_id: str
     x: float
     y: float
     cov_xx: float

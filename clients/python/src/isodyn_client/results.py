@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 from pydantic import ConfigDict, PlainValidator
 
 from isodyn_client.fixes import FixColumns, Fixes
-from isodyn_client.models import JobState, Model, Position
+from isodyn_client.models import JobState, LevelMap, Model, Position
 
 
 def _as_fixes(value: object) -> Fixes:
@@ -48,6 +48,7 @@ class LocateResult(_WithFixes):
     fixes: FixArrays
     position: Position | None = None
     map_id: str | None = None
+    maps: tuple[LevelMap, ...] = ()
     method: str | None = None
 
 
@@ -55,7 +56,8 @@ class Trajectory(_WithFixes):
     """A session's smoothed trajectory as it is answered."""
 
     session_id: str
-    map_id: str
+    map_id: str | None = None
+    maps: tuple[LevelMap, ...] = ()
     method: str
     kind: Literal["smoothed"]
     fixes: FixArrays
