@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from app.cli.common import DEFAULT_URL, NAMED, Key, Url, connect, print_table, progress_bars, reported
+
+if TYPE_CHECKING:
+    import isodyn_client as isodyn
 
 app = typer.Typer(context_settings=NAMED, no_args_is_help=True, help="Build magnetic maps, list, show and export them.")
 
@@ -111,6 +114,7 @@ def show(map_id: MapId, url: Url = DEFAULT_URL, key: Key = None) -> None:
             ("survey", f"{info.n_walks} walks, {info.n_samples} samples"),
             ("field spread (uT)", ", ".join(f"{value:.1f}" for value in info.field_sd)),
             ("repeatability (uT)", ", ".join(f"{value:.1f}" for value in info.noise_sd)),
+            ("radio", _radio(info)),
             ("length scale", f"{info.length_scale_m:.2f} m"),
             ("built", f"{info.created_at:%Y-%m-%d %H:%M} UTC in {info.build_s:.1f} s"),
             ("content hash", info.hash),
@@ -130,6 +134,12 @@ def show(map_id: MapId, url: Url = DEFAULT_URL, key: Key = None) -> None:
             for walk in info.walks
         ],
     )
+
+
+def _radio(info: isodyn.MapInfo) -> str:
+    if info.n_transmitters is None:
+        return "none: no readings in the survey"
+    return f"{info.n_transmitters} access points and beacons, nodes {info.radio_cell_m:g} m apart"
 
 
 @app.command("export")

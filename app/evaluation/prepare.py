@@ -6,9 +6,10 @@ import hashlib
 import json
 import os
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -16,7 +17,7 @@ import app.engine
 from app.engine.errors import EngineError
 from app.engine.inertial import detect_steps
 from app.engine.mapping import FloorPlan, build_map
-from app.engine.types import FeatureSet, GridMap, MapBuildSettings, SurveyWalk
+from app.engine.types import FeatureSet, GridMap, MapBuildSettings, RadioMap, SurveyWalk
 from app.evaluation.datasets.plans import GeoJson
 from app.evaluation.truth import SurveyedArea, survey_track
 
@@ -97,6 +98,10 @@ def map_key(task: PrepareTask) -> str:
         samples, waypoints = walk.samples, walk.waypoints
         for column in (samples.t, samples.mag, samples.acc, samples.gyro, waypoints.t, waypoints.x, waypoints.y):
             digest.update(np.ascontiguousarray(column).tobytes())
+        for kind, scans in (("wifi", walk.wifi), ("ble", walk.ble)):
+            if scans is not None:
+                digest.update(f"{kind} {len(scans.address)} {' '.join(scans.address)}".encode())
+                digest.update(scans.t.tobytes() + scans.rssi.tobytes())
     return digest.hexdigest()
 
 
@@ -116,15 +121,13 @@ def save_map(grid_map: GridMap, path: Path) -> None:
     }
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = path.with_name(f"{path.stem}.{os.getpid()}.tmp")
+    arrays: dict[str, Any] = {"mean": grid_map.mean, "sd": grid_map.sd, "support": grid_map.support}
+    if grid_map.obstacle is not None:
+        arrays["obstacle"] = grid_map.obstacle
+    if grid_map.radio is not None:
+        arrays |= _radio_arrays(grid_map.radio)
     with temporary.open("wb") as file:
-        np.savez(
-            file,
-            header=np.array(json.dumps(header)),
-            mean=grid_map.mean,
-            sd=grid_map.sd,
-            support=grid_map.support,
-            obstacle=np.zeros(grid_map.shape, np.float32) if grid_map.obstacle is None else grid_map.obstacle,
-        )
+        np.savez(file, header=np.array(json.dumps(header)), **arrays)
     temporary.replace(path)
 
 
@@ -143,5 +146,25 @@ def load_map(path: Path) -> GridMap:
             support=content["support"],
             mapped_m=header["mapped_m"],
             noise_sd=tuple(header["noise_sd"]),
-            obstacle=content["obstacle"],
+            obstacle=content.get("obstacle"),
+            radio=_radio_from(content) if "radio" in content else None,
         )
+
+
+def _radio_arrays(radio: RadioMap) -> dict[str, Any]:
+    header = {"x0": radio.x0, "y0": radio.y0, "cell_m": radio.cell_m, "addresses": radio.addresses}
+    arrays = {"radio_mean": radio.mean, "radio_sd": radio.sd, "radio_seen": radio.seen}
+    return {"radio": np.array(json.dumps(header)), **arrays}
+
+
+def _radio_from(content: Mapping[str, Any]) -> RadioMap:
+    header = json.loads(str(content["radio"]))
+    return RadioMap(
+        x0=header["x0"],
+        y0=header["y0"],
+        cell_m=header["cell_m"],
+        addresses=tuple(header["addresses"]),
+        mean=content["radio_mean"],
+        sd=content["radio_sd"],
+        seen=content["radio_seen"],
+    )

@@ -178,4 +178,6 @@ def _map_info(
         build_s=build_s,
         created_at=now,
         has_obstacle=grid_map.obstacle is not None,
+        n_transmitters=None if grid_map.radio is None else len(grid_map.radio.addresses),
+        radio_cell_m=None if grid_map.radio is None else float(grid_map.radio.cell_m),
     )

@@ -181,6 +181,9 @@ class MapInfo:
     created_at: datetime
     has_obstacle: bool = False
     """Whether the level's vector plan limits where people walk."""
+    n_transmitters: int | None = None
+    """Access points and beacons of the radio layer; None without one."""
+    radio_cell_m: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -320,11 +323,20 @@ class PackedTile:
 
 
 @dataclass(frozen=True, slots=True)
+class PackedRadio:
+    """The radio layer of a map, compressed; ``hash`` is that of the content."""
+
+    hash: str
+    data: bytes
+
+
+@dataclass(frozen=True, slots=True)
 class PackedMap:
-    """A map as it is stored; ``hash`` covers header and tiles."""
+    """A map as it is stored; ``hash`` covers header, tiles and radio layer."""
 
     hash: str
     tiles: tuple[PackedTile, ...]
+    radio: PackedRadio | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,26 +1,33 @@
 """Local cache of assembled maps: files that workers memory-map.
 
-A map is ``<hash>.npy`` (all layers, float32) and ``<hash>.json`` (its header). Both appear by renaming, the array
-last: whoever sees it sees all of it, and two processes that fill the same entry write the same bytes.
+A map is ``<hash>.npy`` (all layers, float32) and ``<hash>.json`` (its header, and that of its radio layer if it has
+one); the radio layer's bytes are ``<hash>.radio``, in numpy's format. All appear by renaming, the layers last: whoever
+sees them sees all of it, and two processes that fill the same entry write the same bytes.
 """
 
 from __future__ import annotations
 
+import json
 import os
 import threading
 import uuid
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from app.engine.errors import MapError
-from app.engine.types import Float32Array, GridMap
+from app.engine.types import GridMap
 from app.services.records import MapInfo
 from app.services.tasks import MapRef
+from app.storage.radio import RadioHeader, radio_header_of, split_radio, stack_radio
 from app.storage.tiles import MapHeader, header_of, split_layers, stack_layers
 
 DEFAULT_MAX_BYTES = 4 * 1024**3
+HEADER, RADIO = ".json", ".radio"
+_RADIO_KEY = "radio"
 
 
 class FileMapCache:
@@ -50,38 +57,61 @@ class FileMapCache:
         return open_map(ref.path)
 
     def _fill(self, path: Path, grid_map: GridMap) -> None:
-        unique = f".{os.getpid()}-{uuid.uuid4().hex}.tmp"
-        header, array = path.with_suffix(".json"), path
-        for target, write in (
-            (header, lambda part: part.write_text(header_of(grid_map).to_json())),
-            (array, lambda part: _save(part, stack_layers(grid_map))),
-        ):
-            part = target.with_suffix(unique)
-            write(part)
-            part.replace(target)
+        if grid_map.radio is not None:
+            radio = grid_map.radio
+            _put(path.with_suffix(RADIO), lambda part: _save(part, stack_radio(radio)))
+        _put(path.with_suffix(HEADER), lambda part: part.write_text(_header_text(grid_map)))
+        _put(path, lambda part: _save(part, stack_layers(grid_map)))
         self._prune(keep=path)
 
     def _prune(self, keep: Path) -> None:
-        entries = sorted(
-            ((entry.stat().st_mtime, entry.stat().st_size, entry) for entry in self._folder.glob("*.npy")), reverse=True
-        )
+        entries = sorted(((entry.stat().st_mtime, entry) for entry in self._folder.glob("*.npy")), reverse=True)
         total = 0
-        for _, size, entry in entries:
-            total += size
+        for _, entry in entries:
+            total += entry.stat().st_size + _size(entry.with_suffix(RADIO))
             if total > self._max_bytes and entry != keep:
-                entry.unlink(missing_ok=True)
-                entry.with_suffix(".json").unlink(missing_ok=True)
+                # the layers first: without them the rest is no entry
+                for file in (entry, entry.with_suffix(HEADER), entry.with_suffix(RADIO)):
+                    file.unlink(missing_ok=True)
 
 
 def open_map(path: Path) -> GridMap:
-    """Memory-map the map in ``path`` (``<hash>.npy`` beside ``<hash>.json``)."""
+    """Memory-map the map in ``path`` (``<hash>.npy``) with the files beside it."""
     try:
-        header = MapHeader.from_json(path.with_suffix(".json").read_text())
-        layers: Float32Array = np.load(path, mmap_mode="r", allow_pickle=False)
+        values = json.loads(path.with_suffix(HEADER).read_text())
+        radio_values = values.pop(_RADIO_KEY, None)
+        layers = _mapped(path)
+        radio_layers = None if radio_values is None else _mapped(path.with_suffix(RADIO))
     except FileNotFoundError as error:
         raise MapError(f"map {path.stem} is not in the cache") from error
+    radio = None if radio_layers is None else split_radio(RadioHeader.from_values(radio_values), radio_layers)
+    return split_layers(MapHeader.from_values(values), layers, radio)
+
+
+def _header_text(grid_map: GridMap) -> str:
+    values = header_of(grid_map).values()
+    if grid_map.radio is not None:
+        values[_RADIO_KEY] = radio_header_of(grid_map.radio).values()
+    return json.dumps(values)
+
+
+def _mapped(path: Path) -> NDArray[Any]:
+    layers: NDArray[Any] = np.load(path, mmap_mode="r", allow_pickle=False)
     # a plain view: numpy.memmap is a subclass, whose every slice costs microseconds
-    return split_layers(header, layers.view(np.ndarray))
+    return layers.view(np.ndarray)
+
+
+def _put(target: Path, write: Callable[[Path], object]) -> None:
+    part = target.with_suffix(f".{os.getpid()}-{uuid.uuid4().hex}.tmp")
+    write(part)
+    part.replace(target)
+
+
+def _size(path: Path) -> int:
+    try:
+        return path.stat().st_size
+    except FileNotFoundError:
+        return 0
 
 
 def _touch(path: Path) -> bool:
@@ -92,6 +122,6 @@ def _touch(path: Path) -> bool:
     return True
 
 
-def _save(path: Path, layers: Float32Array) -> None:
+def _save(path: Path, layers: NDArray[Any]) -> None:
     with path.open("wb") as file:
         np.save(file, layers, allow_pickle=False)

@@ -222,8 +222,18 @@ maps = Table(
     Column("walks", JSON, nullable=False),
     _double("build_s"),
     Column("has_obstacle", Boolean, nullable=False),
+    Column("n_transmitters", Integer, nullable=True),
+    _double("radio_cell_m", nullable=True),
+    Column("radio_hash", HASH, ForeignKey("radio_layers.hash"), nullable=True),
     _time("created_at"),
     UniqueConstraint("level_id", "version"),
+)
+
+radio_layers = Table(
+    "radio_layers",
+    metadata,
+    Column("hash", HASH, primary_key=True),
+    Column("data", LargeBinary, nullable=False),
 )
 
 current_maps = Table(

@@ -3,7 +3,8 @@
 A tile is 64 x 64 cells (less at the far edges) of all layers (means, standard deviations, support and, with a floor
 plan, depth in obstacles), little-endian float32, stored as zlib-compressed byte planes. Hashes cover the
 *uncompressed* values, so equal content has one hash whatever zlib packed it; a tile that two map versions have in
-common is stored once. A map's hash covers its header and its tiles' hashes.
+common is stored once. A map's hash covers its header, its tiles' hashes and, if it has one, that of its radio layer
+(:mod:`app.storage.radio`).
 """
 
 from __future__ import annotations
@@ -13,12 +14,14 @@ import json
 import zlib
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from app.engine.errors import MapError
-from app.engine.types import FeatureSet, Float32Array, GridMap
+from app.engine.types import FeatureSet, Float32Array, GridMap, RadioMap
 from app.services.records import PackedMap, PackedTile
+from app.storage.radio import pack_radio, unpack_radio
 
 TILE = 64
 _LEVEL = 1  # level 6 saves 3 % of real maps and takes four times as long
@@ -46,15 +49,22 @@ class MapHeader:
 
     def to_json(self) -> str:
         """Stable text: equal headers give equal text."""
-        return json.dumps({name: getattr(self, name) for name in self.__slots__}, sort_keys=True)
+        return json.dumps(self.values(), sort_keys=True)
+
+    def values(self) -> dict[str, Any]:
+        """Plain values for JSON."""
+        return {name: getattr(self, name) for name in self.__slots__}
 
     @classmethod
     def from_json(cls, text: str) -> MapHeader:
         """Inverse of :meth:`to_json`."""
-        values = json.loads(text)
-        values["features"] = FeatureSet(values["features"])
-        values["noise_sd"] = tuple(values["noise_sd"])
-        return cls(**values)
+        return cls.from_values(json.loads(text))
+
+    @classmethod
+    def from_values(cls, values: Mapping[str, Any]) -> MapHeader:
+        """Inverse of :meth:`values`, also after JSON, where tuples come back as lists."""
+        features, noise_sd = FeatureSet(values["features"]), tuple(values["noise_sd"])
+        return cls(**{**values, "features": features, "noise_sd": noise_sd})
 
 
 def header_of(grid_map: GridMap) -> MapHeader:
@@ -80,7 +90,7 @@ def stack_layers(grid_map: GridMap) -> Float32Array:
     return np.concatenate([grid_map.mean, grid_map.sd, np.stack(single)]).astype("<f4", copy=False)
 
 
-def split_layers(header: MapHeader, layers: Float32Array) -> GridMap:
+def split_layers(header: MapHeader, layers: Float32Array, radio: RadioMap | None = None) -> GridMap:
     """Inverse of :func:`stack_layers`; the arrays are views."""
     channels = len(header.features.channels)
     if layers.shape != (header.n_layers, header.rows, header.columns):
@@ -97,22 +107,32 @@ def split_layers(header: MapHeader, layers: Float32Array) -> GridMap:
         mapped_m=header.mapped_m,
         noise_sd=header.noise_sd,
         obstacle=layers[2 * channels + 1] if header.has_obstacle else None,
+        radio=radio,
     )
 
 
 def pack_map(grid_map: GridMap) -> PackedMap:
-    """Cut a map into compressed, hashed tiles."""
+    """Cut a map into compressed, hashed tiles, and its radio layer into a blob of its own."""
     header = header_of(grid_map)
     layers = stack_layers(grid_map)
     tiles = tuple(_pack_tile(layers, row, column) for row, column in _places(header.rows, header.columns))
     digest = hashlib.sha256(header.to_json().encode())
     for tile in tiles:
         digest.update(f"\n{tile.row} {tile.column} {tile.hash}".encode())
-    return PackedMap(digest.hexdigest(), tiles)
+    radio = None if grid_map.radio is None else pack_radio(grid_map.radio)
+    if radio is not None:
+        digest.update(f"\nradio {radio.hash}".encode())
+    return PackedMap(digest.hexdigest(), tiles, radio)
 
 
-def unpack_map(header: MapHeader, tiles: Iterable[tuple[int, int, bytes]]) -> GridMap:
-    """Assemble a map from ``(row, column, data)`` of all its tiles; MapError if one is missing or damaged."""
+def unpack_map(header: MapHeader, tiles: Iterable[tuple[int, int, bytes]], radio: bytes | None = None) -> GridMap:
+    """Assemble a map from ``(row, column, data)`` of all its tiles and the blob of its radio layer, if it has one.
+
+    Raises
+    ------
+    MapError
+        A tile is missing, or something is damaged.
+    """
     layers = np.empty((header.n_layers, header.rows, header.columns), dtype=np.float32)
     missing = set(_places(header.rows, header.columns))
     for row, column, data in tiles:
@@ -123,7 +143,7 @@ def unpack_map(header: MapHeader, tiles: Iterable[tuple[int, int, bytes]]) -> Gr
         target[:] = _unpack_tile(data, target.shape)
     if missing:
         raise MapError(f"{len(missing)} tiles are missing, the first is {min(missing)}")
-    return split_layers(header, layers)
+    return split_layers(header, layers, None if radio is None else unpack_radio(radio))
 
 
 def header_from(values: Mapping[str, object]) -> MapHeader:

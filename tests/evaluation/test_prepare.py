@@ -10,10 +10,12 @@ import pytest
 
 from app.engine.errors import MapError
 from app.engine.mapping import FloorPlan
-from app.engine.types import FeatureSet, MapBuild, MapBuildSettings
+from app.engine.types import FeatureSet, MapBuild, MapBuildSettings, RadioMap
 from app.evaluation import prepare
 from app.evaluation.prepare import PrepareTask, load_map, map_key, prepare_level, save_map
+from app.storage.tiles import pack_map
 from tests.evaluation.fakes import flat_map, straight_walk
+from tests.support.builders import grid_map, radio_map, scans
 
 WALKS = tuple(straight_walk(name, duration_s=8.0).survey_walk() for name in "ab")
 SQUARE = [[0.0, 0.0], [9.0, 0.0], [9.0, 9.0], [0.0, 0.0]]
@@ -70,6 +72,9 @@ def test_the_key_follows_everything_that_the_map_depends_on(monkeypatch: pytest.
         replace(TASK, walks=(replace(WALKS[0], device_heading=0.0), WALKS[1])),
         replace(TASK, settings=MapBuildSettings(align=False)),
         replace(TASK, vector_plan=PLAN),
+        replace(TASK, walks=(replace(WALKS[0], wifi=scans()), WALKS[1])),
+        replace(TASK, walks=(replace(WALKS[0], ble=scans()), WALKS[1])),
+        replace(TASK, walks=(replace(WALKS[0], ble=scans(5)), WALKS[1])),
     ]
     monkeypatch.setattr(prepare, "engine_hash", lambda: "this engine")
     keys = [map_key(task) for task in variants]
@@ -92,6 +97,14 @@ def test_the_cache_is_used_only_when_given(tmp_path: Path, built: list[str]) -> 
     np.testing.assert_array_equal(first.grid_map.mean, second.grid_map.mean)
     prepare_level(replace(cached, settings=MapBuildSettings(cell_m=0.4)))
     assert len(built) == 4
+
+
+@pytest.mark.parametrize("radio", [None, radio_map()], ids=["bare", "radio"])
+@pytest.mark.parametrize("plan", [False, True])
+def test_a_cached_map_is_the_same(tmp_path: Path, radio: RadioMap | None, plan: bool) -> None:
+    one = grid_map(plan=plan, radio=radio)
+    save_map(one, tmp_path / "map.npz")
+    assert pack_map(load_map(tmp_path / "map.npz")) == pack_map(one)
 
 
 def test_a_level_without_a_map_says_why(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -7,7 +7,7 @@ from app.engine.types import FeatureSet, MapBuildSettings
 from app.services.errors import ConflictError, InvalidError, NoMapError, NotFoundError
 from app.services.records import JobKind, JobState, NewBuild
 from app.services.tasks import BuildResult
-from tests.support.builders import World, grid_map, map_build, new_walk, vector_plan
+from tests.support.builders import World, grid_map, map_build, new_walk, radio_map, scans, vector_plan
 
 
 def test_a_build_is_queued_for_the_level_with_its_settings(world: World) -> None:
@@ -93,6 +93,34 @@ def test_the_cache_is_filled_again_from_the_database(world: World) -> None:
     ref.path.unlink()
     np.testing.assert_array_equal(world.services.maps.grid(info.id).support, grid_map(level.id).support)
     assert ref.path.exists()
+
+
+def test_a_radio_layer_is_reported_and_read_back(world: World) -> None:
+    level = world.surveyed_level()
+    world.build(level.id)
+    bare = world.services.maps.current(level.id)
+    assert (bare.n_transmitters, bare.radio_cell_m) == (None, None)
+    world.build(level.id, radio=radio_map())
+    info = world.services.maps.current(level.id)
+    assert (info.n_transmitters, info.radio_cell_m) == (5, 2.0)
+    assert info.hash != bare.hash
+    world.cache.ref(info, lambda: pytest.fail("the build has filled the cache")).path.unlink()
+    radio = world.services.maps.grid(info.id).radio
+    assert radio is not None
+    assert radio.addresses == radio_map().addresses
+    np.testing.assert_array_equal(radio.seen, radio_map().seen)
+
+
+def test_radio_readings_of_the_survey_reach_the_build(world: World) -> None:
+    level = world.surveyed_level()
+    survey = world.services.surveys.create(level.id, "with readings")
+    world.services.surveys.add_walk(survey.id, new_walk(seed=1, wifi=scans()))
+    world.services.maps.request_build(NewBuild(level.id))
+    (job,) = world.services.processing.claim(1)
+    bare, heard = world.services.processing.build_spec(job).walks
+    assert bare.wifi is None
+    assert heard.wifi is not None
+    assert heard.wifi.address == scans().address
 
 
 def test_a_build_cancelled_meanwhile_leaves_no_map(world: World) -> None:

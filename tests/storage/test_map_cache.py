@@ -15,7 +15,7 @@ from app.services.records import MapInfo
 from app.services.tasks import MapRef
 from app.storage import FileMapCache
 from app.storage.map_cache import open_map
-from tests.support.builders import World, grid_map
+from tests.support.builders import World, grid_map, radio_map
 
 
 @pytest.fixture
@@ -50,6 +50,42 @@ def test_a_map_is_loaded_once_and_mapped_equal(tmp_path: Path, info: MapInfo) ->
         assert not array.flags.writeable
     assert mapped.noise_sd == loader.loaded.noise_sd
     assert (mapped.x0, mapped.y0, mapped.cell_m, mapped.mapped_m) == (-3.5, 2.25, 0.5, 1.5)
+
+
+def test_a_radio_layer_is_mapped_too(tmp_path: Path, info: MapInfo) -> None:
+    cache = FileMapCache(tmp_path / "cache")
+    radio = radio_map()
+    mapped = cache.open(cache.ref(info, Loader(grid_map(info.level_id, radio=radio)))).radio
+    assert mapped is not None
+    assert (mapped.x0, mapped.y0, mapped.cell_m, mapped.addresses) == (-4.0, 2.0, 2.0, radio.addresses)
+    for name in ("mean", "sd", "seen"):
+        array = getattr(mapped, name)
+        np.testing.assert_array_equal(array, getattr(radio, name))
+        assert array.dtype == getattr(radio, name).dtype
+        assert type(array) is np.ndarray
+        assert array.base is not None  # a view of the file, not a copy
+        assert not array.flags.writeable
+
+
+def test_an_entry_that_lost_its_radio_layer_is_none(tmp_path: Path, info: MapInfo) -> None:
+    cache = FileMapCache(tmp_path / "cache")
+    ref = cache.ref(info, Loader(grid_map(info.level_id, radio=radio_map())))
+    ref.path.with_suffix(".radio").unlink()
+    with pytest.raises(MapError, match="not in the cache"):
+        cache.open(ref)
+
+
+def test_radio_layers_count_for_the_room_and_leave_with_their_maps(tmp_path: Path, world: World) -> None:
+    level = world.mapped_level()
+    first = world.services.maps.current(level.id)
+    world.build(level.id, seed=1)
+    second = world.services.maps.current(level.id)
+    bare = FileMapCache(tmp_path / "measure").ref(first, Loader(grid_map())).path.stat().st_size
+    cache = FileMapCache(tmp_path / "cache", max_bytes=2 * bare)
+    old = cache.ref(first, Loader(grid_map(radio=radio_map()))).path
+    os.utime(old, (1, 1))
+    cache.ref(second, Loader(grid_map()))
+    assert [path.stem for path in sorted((tmp_path / "cache").iterdir())] == [second.hash] * 2
 
 
 def test_nothing_is_left_of_a_fill_that_failed(tmp_path: Path, info: MapInfo) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from sqlalchemy.exc import IntegrityError
 
-from app.engine.types import FeatureSet, MapBuildSettings, Prior, TrackerState, WalkReport
+from app.engine.types import FeatureSet, GridMap, MapBuildSettings, Prior, TrackerState, WalkReport
 from app.services.errors import NotFoundError, SequenceGapError
 from app.services.ports import UnitOfWork
 from app.services.records import (
@@ -34,7 +34,7 @@ from app.services.records import (
     Walk,
 )
 from app.storage import Database
-from tests.support.builders import START, fix, grid_map, new_segment, new_walk, queued_job, scans
+from tests.support.builders import START, fix, grid_map, new_segment, new_walk, queued_job, radio_map, scans
 
 LATER = START + timedelta(seconds=90, microseconds=123_456)
 QUEUED, RUNNING, DONE, FAILED, CANCELLED = JobState
@@ -304,6 +304,32 @@ def test_versions_share_their_equal_tiles(database: Database) -> None:
         n_tiles = connection.exec_driver_sql("SELECT count(*) FROM tiles").scalar_one()
         n_places = connection.exec_driver_sql("SELECT count(*) FROM map_tiles").scalar_one()
     assert (n_tiles, n_places) == (7, 12)  # 2 x 3 tiles a version
+
+
+def test_versions_share_a_radio_layer(database: Database) -> None:
+    radio = radio_map()
+    other = radio_map(seed=3)
+    layers = ((1, radio), (2, radio), (2, other), (2, None))
+    versions = [(grid_map("lvl_1", seed=seed, plan=True, radio=layer), i + 1) for i, (seed, layer) in enumerate(layers)]
+    write(database, add_level)
+    for one, number in versions:
+
+        def add(uow: UnitOfWork, one: GridMap = one, number: int = number) -> None:
+            packed = uow.maps.pack(one)
+            info = map_info(f"map_{number}", version=number, content_hash=packed.hash)
+            heard = None if one.radio is None else len(one.radio.addresses)
+            uow.maps.add(replace(info, n_transmitters=heard, radio_cell_m=None if heard is None else 2.0), packed)
+
+        write(database, add)
+    with database() as uow:
+        for one, number in versions:
+            loaded, info = uow.maps.load(f"map_{number}").radio, uow.maps.get(f"map_{number}")
+            assert (info.n_transmitters, info.radio_cell_m) == ((5, 2.0) if one.radio else (None, None))
+            assert (loaded is None) == (one.radio is None)
+            if loaded is not None and one.radio is not None:
+                np.testing.assert_array_equal(loaded.mean, one.radio.mean)
+    with database.engine.connect() as connection:
+        assert connection.exec_driver_sql("SELECT count(*) FROM radio_layers").scalar_one() == 2
 
 
 def test_builds_keep_their_request(database: Database) -> None:

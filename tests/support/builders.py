@@ -22,6 +22,7 @@ from app.engine.types import (
     ImuSamples,
     MapBuild,
     Progress,
+    RadioMap,
     RadioScans,
     Status,
     TrackerState,
@@ -143,6 +144,21 @@ def new_walk(name: str = "walk", *, n: int = 500, seed: int = 0, wifi: RadioScan
     return NewWalk(name, chunk, waypoints, hash_of(chunk), wifi)
 
 
+def radio_map(n: int = 5, *, rows: int = 12, columns: int = 20, seed: int = 0) -> RadioMap:
+    """A radio layer of ``n`` transmitters."""
+    rng = np.random.default_rng(seed)
+    shape = (n, rows, columns)
+    return RadioMap(
+        x0=-4.0,
+        y0=2.0,
+        cell_m=2.0,
+        addresses=tuple(f"02:00:00:00:{i // 256:02x}:{i % 256:02x}" for i in range(n)),
+        mean=rng.integers(-100, -40, shape).astype(np.int8),
+        sd=rng.integers(20, 120, shape).astype(np.uint8),
+        seen=rng.integers(0, 256, shape).astype(np.uint8),
+    )
+
+
 def grid_map(
     level_id: str = "lvl",
     *,
@@ -151,6 +167,7 @@ def grid_map(
     seed: int = 0,
     features: FeatureSet = FeatureSet.HV,
     plan: bool = False,
+    radio: RadioMap | None = None,
 ) -> GridMap:
     """A map of more than one tile; its last row is unmapped."""
     rng = np.random.default_rng(seed)
@@ -169,6 +186,7 @@ def grid_map(
         mapped_m=1.5,
         noise_sd=tuple(0.75 + 0.1 * i for i in range(k)),
         obstacle=rng.uniform(0, 2, (rows, columns)).astype(np.float32) if plan else None,
+        radio=radio,
     )
 
 
@@ -184,14 +202,20 @@ def vector_plan() -> bytes:
 
 
 def map_build(
-    level_id: str = "lvl", *, seed: int = 0, walk_ids: Sequence[str] = ("wlk_1", "wlk_2"), plan: bool = False
+    level_id: str = "lvl",
+    *,
+    seed: int = 0,
+    walk_ids: Sequence[str] = ("wlk_1", "wlk_2"),
+    plan: bool = False,
+    radio: RadioMap | None = None,
 ) -> MapBuild:
     """A finished build whose last walk was rejected."""
     reports = tuple(
         WalkReport(walk_id, 120, 80.0, (0.5, -1.0, 2.0), 0.9, "moved" if walk_id == walk_ids[-1] else None)
         for walk_id in walk_ids
     )
-    return MapBuild(grid_map(level_id, seed=seed, plan=plan), reports, 12_345, 2.5, (8.0, 7.5), {"nugget": 0.5})
+    built = grid_map(level_id, seed=seed, plan=plan, radio=radio)
+    return MapBuild(built, reports, 12_345, 2.5, (8.0, 7.5), {"nugget": 0.5})
 
 
 def fix(t: float = T0, *, level_id: str = "lvl", x: float = 1.0, y: float = 2.0) -> Fix:
@@ -315,12 +339,13 @@ class World:
                 levels.append(self.services.venues.get_level(level.id))
         return venue_id, levels
 
-    def build(self, level_id: str, *, seed: int = 0) -> Job:
+    def build(self, level_id: str, *, seed: int = 0, radio: RadioMap | None = None) -> Job:
         """Request a map and complete the job by hand."""
         requested = self.services.maps.request_build(NewBuild(level_id))
         (job,) = self.services.processing.claim(1, JobKind.BUILD_MAP)
         assert job.id == requested.id
-        return self.services.processing.complete_build(job, BuildResult(map_build(level_id, seed=seed), 0.5), 0.6)
+        build = map_build(level_id, seed=seed, radio=radio)
+        return self.services.processing.complete_build(job, BuildResult(build, 0.5), 0.6)
 
     def session(self, level_id: str | None = None) -> Session:
         """An open session, on a new mapped level unless one is named."""

@@ -45,6 +45,8 @@ _MAP = {
     "field_sd": [5.9, 6.1, 7.2],
     "walks": [_REPORT],
     "build_s": 1.9,
+    "n_transmitters": 214,
+    "radio_cell_m": 2.0,
     "created_at": "2026-11-22T09:30:00.000Z",
 }
 COVERAGE_EXAMPLE: dict[str, Any] = {
@@ -126,6 +128,10 @@ class MapOut(Out):
     field_sd: list[float]
     walks: list[WalkReportOut]
     build_s: float
+    n_transmitters: Annotated[
+        int | None, Field(description="Access points and beacons of the radio layer; null without radio in the survey.")
+    ]
+    radio_cell_m: Annotated[float | None, Field(description="Distance of the radio layer's nodes.")]
     created_at: Time
 
     @classmethod

@@ -8,8 +8,8 @@ from typing import Any
 from sqlalchemy import Row, func, insert, select
 
 from app.engine.types import FeatureSet, GridMap, MapBuildSettings, WalkReport
-from app.services.records import MapInfo, NewBuild, PackedMap, PackedTile, Page
-from app.storage.models import map_builds, map_tiles, maps, tiles
+from app.services.records import MapInfo, NewBuild, PackedMap, PackedRadio, PackedTile, Page
+from app.storage.models import map_builds, map_tiles, maps, radio_layers, tiles
 from app.storage.repositories.base import Repository
 from app.storage.tiles import header_from, pack_map, unpack_map
 
@@ -24,6 +24,8 @@ _PLAIN = (  # stored as they are
         "build_s",
         "created_at",
         "has_obstacle",
+        "n_transmitters",
+        "radio_cell_m",
     ),
 )
 _KNOWN_CHUNK = 500  # parameters of one IN list; SQLite takes at least 999
@@ -51,12 +53,13 @@ class SqlMapRepository(Repository):
         return pack_map(grid_map)
 
     def add(self, info: MapInfo, packed: PackedMap) -> None:
-        """Store a map version; tiles that an earlier version has are shared."""
+        """Store a map version; tiles and a radio layer that an earlier version has are shared."""
         known = self._known({tile.hash for tile in packed.tiles})
         fresh = {tile.hash: tile for tile in packed.tiles if tile.hash not in known}
         if fresh:
             self._write(insert(tiles), [{"hash": tile.hash, "data": tile.data} for tile in fresh.values()])
-        self._write(insert(maps).values(_columns(info)))
+        radio_hash = None if packed.radio is None else self._add_radio(packed.radio)
+        self._write(insert(maps).values(**_columns(info), radio_hash=radio_hash))
         self._write(insert(map_tiles), [_place(info.id, tile) for tile in packed.tiles])
 
     def get(self, map_id: str) -> MapInfo:
@@ -74,15 +77,23 @@ class SqlMapRepository(Repository):
         return 1 if newest is None else newest + 1
 
     def load(self, map_id: str) -> GridMap:
-        """Assemble a map from its tiles."""
+        """Assemble a map from its tiles and its radio layer."""
         info = self.get(map_id)
         rows = self._read(
             select(map_tiles.c.row, map_tiles.c.column, tiles.c.data)
             .join(tiles, tiles.c.hash == map_tiles.c.tile_hash)
             .where(map_tiles.c.map_id == map_id)
         )
+        radio: bytes | None = self._read(
+            select(radio_layers.c.data).join(maps, maps.c.radio_hash == radio_layers.c.hash).where(maps.c.id == map_id)
+        ).scalar()
         header = header_from({name: getattr(info, name) for name in info.__slots__})
-        return unpack_map(header, ((row.row, row.column, row.data) for row in rows))
+        return unpack_map(header, ((row.row, row.column, row.data) for row in rows), radio)
+
+    def _add_radio(self, radio: PackedRadio) -> str:
+        if self._read(select(radio_layers.c.hash).where(radio_layers.c.hash == radio.hash)).first() is None:
+            self._write(insert(radio_layers).values(hash=radio.hash, data=radio.data))
+        return radio.hash
 
     def _known(self, hashes: set[str]) -> set[str]:
         ordered = sorted(hashes)

@@ -171,7 +171,7 @@ class WalkReport(Model):
 
 
 class MapInfo(Model):
-    """A finished map version, without its cells."""
+    """A finished map version, without its cells; without a radio layer ``n_transmitters`` is None."""
 
     id: str
     level_id: str
@@ -194,6 +194,8 @@ class MapInfo(Model):
     field_sd: tuple[float, ...]
     walks: tuple[WalkReport, ...] = ()
     build_s: float
+    n_transmitters: int | None = None
+    radio_cell_m: float | None = None
     created_at: datetime
 
 
