@@ -13,7 +13,7 @@ from datetime import UTC, datetime
 import numpy as np
 
 from app.api.errors import RejectedError
-from app.api.schemas.samples import SamplesIn, VectorIn, WifiIn
+from app.api.schemas.samples import SamplesIn, VectorIn
 from app.api.validation import FieldError
 from app.engine.types import Float64Array
 
@@ -21,8 +21,6 @@ MAX_GAP_S = 1.0
 MIN_RATE_HZ = 8.0
 """Steps are 1 to 2.5 a second; recordings of 10 Hz, as slow as some data sets are, still show them."""
 MAX_AHEAD_S = 86_400.0
-MAX_WIFI_ROWS = 50_000
-RSSI_RANGE = (-150.0, 20.0)
 SILENT_S = 2.0
 """A gyroscope that reads exactly 0 for so long is not there."""
 
@@ -90,6 +88,11 @@ SENSORS: Mapping[str, SensorRule] = {
 _EARLIEST_MS = datetime(2000, 1, 1, tzinfo=UTC).timestamp() * 1000
 _EARLIEST_S, _LATEST_S = 1e8, 1e10
 _MICROSECONDS = 1e14
+_OTHER_UNITS = (
+    (1e3, "seconds", "multiply by 1000"),
+    (1e-3, "us", "send Unix milliseconds: divide by 1000"),
+    (1e-6, "ns", "send Unix milliseconds: divide by 1000000"),
+)
 
 
 def check_samples(samples: SamplesIn, limits: UploadLimits, now: datetime) -> None:
@@ -100,26 +103,6 @@ def check_samples(samples: SamplesIn, limits: UploadLimits, now: datetime) -> No
     raise_any(_time(samples.t_ms, limits, now))
     raise_any(_silent(samples))
     raise_any(finding for name in SENSORS for finding in _sensor(name, getattr(samples, name)))
-
-
-def check_wifi(wifi: WifiIn) -> None:
-    """Raise RejectedError for readings that cannot be used."""
-    rows = len(wifi.t_ms)
-    if rows > MAX_WIFI_ROWS:
-        raise RejectedError([FieldError("wifi.t_ms", f"has {rows} rows", f"send at most {MAX_WIFI_ROWS}")])
-    raise_any(
-        length_error(f"wifi.{name}", n, "wifi.t_ms", rows)
-        for name, n in (("bssid", len(wifi.bssid)), ("rssi", len(wifi.rssi)))
-        if n != rows
-    )
-    raise_any(column_finite("wifi.t_ms", wifi.t_ms))
-    low, high = RSSI_RANGE
-    outside = ~((wifi.rssi >= low) & (wifi.rssi <= high))
-    if outside.any():
-        i = int(outside.argmax())
-        raise RejectedError(
-            [FieldError("wifi.rssi", f"value {i} is {wifi.rssi[i]:g} dBm", f"send dBm from {low:g} to {high:g}")]
-        )
 
 
 def raise_any(findings: Iterator[FieldError]) -> None:
@@ -259,6 +242,29 @@ def not_increasing(name: str, t_ms: Float64Array) -> Iterator[FieldError]:
             f"time {word} at value {i + 1} ({t_ms[i + 1]:.3f} after {t_ms[i]:.3f})",
             "send each sample once, in time order",
         )
+
+
+def outside_time(
+    name: str, noun: str, times_ms: Float64Array, t_ms: Float64Array, slack_s: float, remedy: str
+) -> Iterator[FieldError]:
+    """Find the first of other times that lies more than ``slack_s`` outside those of the samples."""
+    slack = slack_s * 1000
+    low, high = t_ms[0] - slack, t_ms[-1] + slack
+    outside = (times_ms < low) | (times_ms > high)
+    if not outside.any():
+        return
+    i = int(outside.argmax())
+    # The samples are in milliseconds: the right unit is the one that brings all others there.
+    for factor, unit, conversion in _OTHER_UNITS:
+        if low <= times_ms.min() * factor and times_ms.max() * factor <= high:
+            yield FieldError(name, f"starts at {times_ms[0]:.15g}: looks like {unit}", conversion)
+            return
+    yield FieldError(
+        name,
+        f"{noun} {i} ({times_ms[i]:.0f}) is more than {slack_s:g} s outside the samples' time "
+        f"({t_ms[0]:.0f} to {t_ms[-1]:.0f})",
+        remedy,
+    )
 
 
 def _sensor(name: str, vector: VectorIn) -> Iterator[FieldError]:

@@ -35,8 +35,8 @@ class Bounds:
 
 
 OBJECT_BOUNDS = Bounds(256, 256, 2_000, 4_000, "send one object with the fields that /docs shows")
-SEGMENT_BOUNDS = Bounds(256, 256, 60_000, 500_000, "send columns of at most 20000 samples; /docs shows the fields")
-WALK_BOUNDS = Bounds(256, 256, 60_000, 2_500_000, "send columns of at most 200000 samples; /docs shows the fields")
+SEGMENT_BOUNDS = Bounds(256, 256, 120_000, 750_000, "send columns of at most 20000 samples; /docs shows the fields")
+WALK_BOUNDS = Bounds(256, 256, 120_000, 2_500_000, "send columns of at most 200000 samples; /docs shows the fields")
 PLAN_BOUNDS = Bounds(200_000, 200_000, 400_000, 1_000_000, "simplify the plan, or leave features out")
 
 

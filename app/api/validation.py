@@ -9,10 +9,12 @@ from typing import Any
 _SOURCES = frozenset({"body", "query", "path", "header"})
 
 NAME_PATTERN = r"^[^\x00-\x1f\x7f]*[^\x00-\x20\x7f][^\x00-\x1f\x7f]*$"
+LINE_PATTERN = r"^[^\x00-\x1f\x7f]*$"
 ID_PATTERN = r"^[a-z0-9_]+$"
 
 PATTERN_WORDS: Mapping[str, tuple[str, str]] = {
     NAME_PATTERN: ("shows nothing, or holds control characters", "send a line of text"),
+    LINE_PATTERN: ("holds control characters", "send a line of text"),
     ID_PATTERN: ("is not an id or cursor of this service", "send it as it was answered: a-z, 0-9 and _"),
 }
 """What a string lacks that does not match: regular expressions are for programs."""

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from app.api.errors import RejectedError
-from app.api.plausibility import column_finite, length_error, not_increasing, raise_any
+from app.api.plausibility import column_finite, length_error, not_increasing, outside_time, raise_any
 from app.api.schemas.samples import WaypointsIn
 from app.api.validation import FieldError
 from app.engine.types import Float64Array
@@ -17,11 +17,6 @@ WAYPOINT_SLACK_M = 50.0
 STILL_S, STILL_M = 20.0, 1.0
 """A walk whose waypoints span this time and not this path length is none."""
 Extent = tuple[float, float, float, float]
-_WAYPOINT_UNITS = (
-    (1e3, "seconds", "multiply by 1000"),
-    (1e-3, "us", "send Unix milliseconds: divide by 1000"),
-    (1e-6, "ns", "send Unix milliseconds: divide by 1000000"),
-)
 
 
 def check_waypoints(waypoints: WaypointsIn, t_ms: Float64Array, extent: Extent) -> None:
@@ -37,31 +32,12 @@ def check_waypoints(waypoints: WaypointsIn, t_ms: Float64Array, extent: Extent) 
     for name in ("t_ms", "x", "y"):
         raise_any(column_finite(f"waypoints.{name}", getattr(waypoints, name)))
     raise_any(not_increasing("waypoints.t_ms", waypoints.t_ms))
-    raise_any(_waypoint_time(waypoints.t_ms, t_ms))
+    remedy = "give waypoints of this walk, on the same clock as the samples"
+    raise_any(outside_time("waypoints.t_ms", "waypoint", waypoints.t_ms, t_ms, WAYPOINT_SLACK_S, remedy))
     x_min, y_min, x_max, y_max = extent
     raise_any(_outside("waypoints.x", waypoints.x, x_min, x_max))
     raise_any(_outside("waypoints.y", waypoints.y, y_min, y_max))
     raise_any(_still(waypoints))
-
-
-def _waypoint_time(waypoint_ms: Float64Array, t_ms: Float64Array) -> Iterator[FieldError]:
-    slack = WAYPOINT_SLACK_S * 1000
-    low, high = t_ms[0] - slack, t_ms[-1] + slack
-    outside = (waypoint_ms < low) | (waypoint_ms > high)
-    if not outside.any():
-        return
-    i = int(outside.argmax())
-    # The samples are in milliseconds: the unit of the waypoints is the one that brings them there.
-    for factor, unit, remedy in _WAYPOINT_UNITS:
-        if low <= waypoint_ms[0] * factor and waypoint_ms[-1] * factor <= high:
-            yield FieldError("waypoints.t_ms", f"starts at {waypoint_ms[0]:.15g}: looks like {unit}", remedy)
-            return
-    yield FieldError(
-        "waypoints.t_ms",
-        f"waypoint {i} ({waypoint_ms[i]:.0f}) is more than {WAYPOINT_SLACK_S:g} s outside the samples' time "
-        f"({t_ms[0]:.0f} to {t_ms[-1]:.0f})",
-        "give waypoints of this walk, on the same clock as the samples",
-    )
 
 
 def _still(waypoints: WaypointsIn) -> Iterator[FieldError]:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from app.engine.types import Fix, Float64Array, ImuSamples, Prior, RadioScans, Status, Waypoints
+from app.engine.types import Fix, Float64Array, ImuSamples, Prior, RadioScans, Segment, Status, Waypoints
 
 if TYPE_CHECKING:
     import isodyn_client as isodyn
@@ -30,6 +30,30 @@ def wifi_of(scans: RadioScans | None) -> isodyn.WifiScans | None:
     import isodyn_client as isodyn
 
     return None if scans is None else isodyn.WifiScans(to_ms(scans.t), scans.address, scans.rssi)
+
+
+def ble_of(scans: RadioScans | None) -> isodyn.BleScans | None:
+    """BLE readings for an upload."""
+    import isodyn_client as isodyn
+
+    return None if scans is None else isodyn.BleScans(to_ms(scans.t), scans.address, scans.rssi)
+
+
+def aids_of(segment: Segment) -> isodyn.Aids:
+    """Aids of a segment for an upload.
+
+    Satellite fixes stay behind: here they are in level metres, and the service takes degrees.
+    """
+    import isodyn_client as isodyn
+
+    pressure, speed, steps = segment.pressure, segment.speed, segment.steps
+    return isodyn.Aids(
+        wifi=wifi_of(segment.wifi),
+        ble=ble_of(segment.ble),
+        pressure=None if pressure is None else isodyn.PressureReadings(to_ms(pressure.t), pressure.hpa),
+        speed=None if speed is None else isodyn.SpeedReadings(to_ms(speed.t), speed.speed),
+        steps=None if steps is None else isodyn.StepCounts(to_ms(steps.t), steps.count),
+    )
 
 
 def waypoints_of(waypoints: Waypoints) -> isodyn.Waypoints:

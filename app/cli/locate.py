@@ -40,7 +40,8 @@ def locate(
     """Locate one stretch of samples (at most 60 s), without a session; nothing is stored.
 
     .csv: columns t_ms (Unix ms), mx my mz (uT), ax ay az (m/s^2, gravity included), gx gy gz (rad/s), in any order.
-    .json: the body of POST /v1/sessions/ID/segments: an object "samples" with t_ms and mag, acc, gyro of x, y, z.
+    .json: the body of POST /v1/sessions/ID/segments: an object "samples" with t_ms and mag, acc, gyro of x, y, z, and
+    whatever aids there are (wifi, ble, gnss, pressure, speed, steps).
 
     Example:  isodyn locate walk.csv --level lvl_... --x 12.5 --y 40
 
@@ -52,10 +53,10 @@ def locate(
         raise typer.BadParameter("give --level, or --venue if the level is unknown")
     if (x is None) != (y is None):
         raise typer.BadParameter("give both --x and --y, or neither")
-    samples = read_samples(file, frame)
+    samples, aids = read_samples(file, frame)
     prior = isodyn.Prior(x=x, y=y, radius_m=radius, heading_deg=heading)
     with connect(url, key) as client:
-        result = client.locate(level, samples, venue_id=venue, method=method, prior=prior)
+        result = client.locate(level, samples, venue_id=venue, method=method, prior=prior, aids=aids)
     fixes = result.fixes
     if output:
         output.write_text(json.dumps(_columns(fixes)))
@@ -78,8 +79,8 @@ def locate(
     )
 
 
-def read_samples(file: Path, frame: str) -> isodyn.Samples:
-    """Samples of a .csv or .json file."""
+def read_samples(file: Path, frame: str) -> tuple[isodyn.Samples, isodyn.Aids]:
+    """Samples of a .csv or .json file, and the aids of the latter."""
     from app.cli.errors import InputFileError
 
     readers = {".csv": _read_csv, ".json": _read_json}
@@ -91,7 +92,7 @@ def read_samples(file: Path, frame: str) -> isodyn.Samples:
         raise InputFileError(file, f"is not in the expected form ({error})") from error
 
 
-def _read_csv(file: Path, frame: str) -> isodyn.Samples:
+def _read_csv(file: Path, frame: str) -> tuple[isodyn.Samples, isodyn.Aids]:
     import csv
 
     import isodyn_client as isodyn
@@ -103,10 +104,10 @@ def _read_csv(file: Path, frame: str) -> isodyn.Samples:
     if missing:
         raise ValueError(f"lacks the columns {', '.join(missing)}")
     table = np.array([[float(row[name]) for name in _CSV_COLUMNS] for row in rows])
-    return isodyn.Samples(table[:, 0], table[:, 1:4], table[:, 4:7], table[:, 7:10], frame)
+    return isodyn.Samples(table[:, 0], table[:, 1:4], table[:, 4:7], table[:, 7:10], frame), isodyn.Aids()
 
 
-def _read_json(file: Path, frame: str) -> isodyn.Samples:
+def _read_json(file: Path, frame: str) -> tuple[isodyn.Samples, isodyn.Aids]:
     import isodyn_client as isodyn
     import numpy as np
 
@@ -116,7 +117,9 @@ def _read_json(file: Path, frame: str) -> isodyn.Samples:
     def vectors(sensor: str) -> Any:
         return np.column_stack([samples[sensor][axis] for axis in "xyz"])
 
-    return isodyn.Samples(samples["t_ms"], vectors("mag"), vectors("acc"), vectors("gyro"), body.get("frame", frame))
+    axes = body.get("frame", frame)
+    taken = isodyn.Samples(samples["t_ms"], vectors("mag"), vectors("acc"), vectors("gyro"), axes)
+    return taken, isodyn.Aids.from_columns(body)
 
 
 def _columns(fixes: isodyn.Fixes) -> dict[str, list[Any]]:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import isodyn_client as isodyn
 
-from app.cli.convert import fixes_from, prior_of, samples_of, waypoints_of, wifi_of
+from app.cli.convert import aids_of, ble_of, fixes_from, prior_of, samples_of, waypoints_of, wifi_of
 from app.engine.types import Fix, MapBuildSettings, Prior, Progress, Segment, SurveyWalk
 from app.evaluation.drivers import FieldRaster, LevelUpload
 from app.evaluation.errors import TransportError
@@ -88,7 +88,7 @@ class ServiceTransport:
         """Send one segment and wait for its fixes."""
         with _translated():
             sent = self.client.send_segment(
-                session_id, seq, samples_of(segment.samples), wifi=wifi_of(segment.wifi), wait=self.wait_s
+                session_id, seq, samples_of(segment.samples), aids=aids_of(segment), wait=self.wait_s
             )
             if not sent.state.final:
                 sent = self.client.wait_for_segment(session_id, seq)
@@ -110,6 +110,7 @@ def add_walk(client: Client, survey_id: str, walk: SurveyWalk) -> isodyn.Walk:
         samples_of(walk.samples),
         waypoints_of(walk.waypoints),
         wifi=wifi_of(walk.wifi),
+        ble=ble_of(walk.ble),
     )
 
 

@@ -18,5 +18,5 @@ Randomness
 
 Layers, lower ones never import higher ones::
 
-    localization > filtering > mapping > inertial > kernels
+    localization > filtering > mapping > inertial · calibration > geodesy > kernels
 """

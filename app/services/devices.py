@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from app.services.base import DEFAULT_LIMIT, Service, check_limit
 from app.services.ids import new_id
-from app.services.records import Device, Page
+from app.services.records import Device, DeviceMemory, Page
 
 
 class DeviceService(Service):
@@ -22,6 +24,17 @@ class DeviceService(Service):
         """One device."""
         with self._uow() as uow:
             return uow.devices.get(device_id)
+
+    def memories(self, device_id: str) -> Sequence[DeviceMemory]:
+        """What sessions taught about a device, per epoch of its magnetometer; the epoch used last first."""
+        with self._uow() as uow:
+            return uow.devices.memories(device_id)
+
+    def forget(self, device_id: str) -> None:
+        """Forget what sessions taught about a device: the next one starts as with a new device."""
+        with self._uow(write=True) as uow:
+            uow.devices.get(device_id)
+            uow.devices.forget(device_id)
 
     def list(self, cursor: str | None = None, limit: int = DEFAULT_LIMIT) -> Page[Device]:
         """Devices, newest first."""

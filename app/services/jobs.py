@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from app.services.base import DEFAULT_LIMIT, Service, check_limit
 from app.services.clock import Clock
+from app.services.device_memory import remember_if_over
 from app.services.errors import ConflictError
 from app.services.ports import JobListener, UnitOfWork, UnitOfWorkFactory
 from app.services.records import Job, JobKind, JobState, Page
@@ -55,4 +56,6 @@ class JobService(Service):
 def record_segment_failure(uow: UnitOfWork, job: Job, error: str) -> None:
     """Note on the job's segment, if it has one, that it gave no fixes; the session goes on with the state it had."""
     if job.kind is JobKind.LOCATE_SEGMENT and job.finished_at is not None:
-        uow.sessions.record_failure(str(job.subject["session_id"]), int(job.subject["seq"]), error, job.finished_at)
+        session_id = str(job.subject["session_id"])
+        uow.sessions.record_failure(session_id, int(job.subject["seq"]), error, job.finished_at)
+        remember_if_over(uow, session_id, job.finished_at)

@@ -5,10 +5,12 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Mapping
 
-from app.engine.types import ImuSamples, Prior, RadioScans, Segment
+from app.engine.types import ImuSamples, Prior
+from app.services.aids import NO_AIDS, Aids, Recording
 from app.services.base import Service
 from app.services.clock import Clock
 from app.services.ids import seed_of
+from app.services.level_frame import in_level_frame
 from app.services.map_refs import MapRefs
 from app.services.methods import MethodCheck, check_method
 from app.services.places import choose_place
@@ -45,20 +47,21 @@ class LocateService(Service):
         samples: ImuSamples,
         *,
         venue_id: str | None = None,
-        wifi: RadioScans | None = None,
+        aids: Aids = NO_AIDS,
         map_id: str | None = None,
     ) -> Located:
         """Locate the samples on the level, or on any level of the venue; the same request gives the same answer."""
         self._check(method, parameters)
         with self._uow() as uow:
             place = choose_place(uow, level_id, venue_id, map_id)
+            (segment,) = in_level_frame(uow, place.venue_id, [Recording(samples, aids)])
         spec = LocateSpec(
             method=method,
             parameters=dict(parameters),
             prior=place.prior(prior),
             seed=seed_of(hashlib.sha256(samples.t.tobytes() + samples.mag.tobytes()).hexdigest()),
             state=None,
-            segment=Segment(samples, wifi),
+            segment=segment,
             maps=self._refs.refs(place.maps),
         )
         return Located(fixes=self._run(spec).fixes, level_id=place.level_id, maps=place.maps, method=method)

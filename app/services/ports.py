@@ -11,11 +11,13 @@ from contextlib import AbstractContextManager
 from datetime import datetime
 from typing import Protocol, TypeVar
 
-from app.engine.types import Fix, GridMap, Progress, Segment, SurveyWalk, TrackerState
+from app.engine.types import DeviceCalibration, Fix, GridMap, Progress, SurveyWalk, TrackerState
+from app.services.aids import Recording
 from app.services.records import (
     Anchor,
     ApiKey,
     Device,
+    DeviceMemory,
     Job,
     JobKind,
     JobState,
@@ -30,6 +32,7 @@ from app.services.records import (
     Position,
     SegmentInfo,
     Session,
+    SessionStatus,
     Stats,
     Survey,
     Venue,
@@ -99,6 +102,20 @@ class DeviceRepository(Protocol):
     def add(self, device: Device) -> None: ...
     def get(self, device_id: str) -> Device: ...
     def list(self, *, cursor: str | None, limit: int) -> Page[Device]: ...
+    def memories(self, device_id: str) -> Sequence[DeviceMemory]:
+        """What is remembered of the device, the epoch used last first; in a writing transaction nobody else changes it.
+
+        NotFoundError if there is no such device.
+        """
+        ...
+
+    def set_memory(self, memory: DeviceMemory) -> None:
+        """Remember this of the device's epoch, in place of what was."""
+        ...
+
+    def forget(self, device_id: str) -> None:
+        """Delete all that is remembered of the device."""
+        ...
 
 
 class SurveyRepository(Protocol):
@@ -157,16 +174,34 @@ class SessionRepository(Protocol):
     def get_segment(self, session_id: str, seq: int) -> SegmentInfo: ...
     def list_segments(self, session_id: str, *, cursor: str | None, limit: int) -> Page[SegmentInfo]: ...
     def last_segment(self, session_id: str) -> SegmentInfo | None: ...
-    def load_segment(self, session_id: str, seq: int) -> Segment: ...
-    def load_segments(self, session_id: str, limit: int) -> Sequence[Segment]:
+    def load_segment(self, session_id: str, seq: int) -> Recording: ...
+    def load_segments(self, session_id: str, limit: int) -> Sequence[Recording]:
         """Samples of the first ``limit`` segments whose job is done, oldest first."""
         ...
 
     def state(self, session_id: str) -> TrackerState | None: ...
+    def learned(self, session_id: str) -> DeviceCalibration | None:
+        """What the session learned last about its device."""
+        ...
+
+    def mark_remembered(self, session_id: str, now: datetime) -> bool:
+        """Note that what the session learned is in its device's memory; False if that was noted before."""
+        ...
+
     def record_result(
-        self, session_id: str, seq: int, state: TrackerState, fixes: Sequence[Fix], now: datetime
-    ) -> None:
-        """Store new state and fixes, and mark the segment processed."""
+        self,
+        session_id: str,
+        seq: int,
+        state: TrackerState,
+        fixes: Sequence[Fix],
+        now: datetime,
+        *,
+        calibration: DeviceCalibration | None = None,
+    ) -> SessionStatus:
+        """Store new state, fixes and calibration (None: it stays), and mark the segment processed.
+
+        Returns whether the session is open still; until the transaction ends nobody else changes that.
+        """
         ...
 
     def record_failure(self, session_id: str, seq: int, error: str, now: datetime) -> None: ...
@@ -212,6 +247,9 @@ class JobRepository(Protocol):
         ...
 
     def count(self, *states: JobState) -> int: ...
+    def is_pending(self, order_key: str) -> bool:
+        """Whether a job of this key is queued or running."""
+        ...
 
 
 class KeyRepository(Protocol):

@@ -8,14 +8,16 @@ from collections.abc import Sequence
 from datetime import datetime
 
 from app.engine.mapping import FloorPlan
-from app.engine.types import Fix
+from app.engine.types import DeviceCalibration, Fix
 from app.services.base import Service
 from app.services.clock import Clock
+from app.services.device_memory import remember_if_over
 from app.services.ids import new_id, seed_of
 from app.services.jobs import record_segment_failure
+from app.services.level_frame import in_level_frame
 from app.services.map_refs import MapRefs
 from app.services.ports import MapCache, UnitOfWork, UnitOfWorkFactory
-from app.services.records import Job, JobKind, JobState, MapInfo
+from app.services.records import Job, JobKind, JobState, MapInfo, SessionStatus
 from app.services.tasks import BuildResult, BuildSpec, LocateResult, LocateSpec
 
 Outcome = dict[str, str | int | float]
@@ -51,7 +53,7 @@ class ProcessingService(Service):
         session_id, seq = _segment_of(job)
         with self._uow() as uow:
             session = uow.sessions.get(session_id)
-            segment = uow.sessions.load_segment(session_id, seq)
+            (segment,) = in_level_frame(uow, session.venue_id, [uow.sessions.load_segment(session_id, seq)])
             state = uow.sessions.state(session_id)
         return LocateSpec(
             method=session.method,
@@ -73,7 +75,9 @@ class ProcessingService(Service):
         return BuildSpec(level_id=build.level_id, walks=tuple(walks), settings=build.settings, plan=plan)
 
     def complete_locate(self, job: Job, result: LocateResult) -> Job | None:
-        """Store fixes, new state and the job's end together; None if the job no longer runs in this attempt.
+        """Store fixes, new state, what was learned about the device and the job's end together.
+
+        None if the job no longer runs in this attempt.
 
         A result with a value that is not finite fails the job: nobody could use it, and it must not stop the queue.
         """
@@ -85,7 +89,11 @@ class ProcessingService(Service):
         with self._uow(write=True) as uow:
             if not uow.jobs.finish(job.id, JobState.DONE, now, result=outcome, attempts=job.attempts):
                 return None
-            uow.sessions.record_result(session_id, seq, result.state, result.fixes, now)
+            status = uow.sessions.record_result(
+                session_id, seq, result.state, result.fixes, now, calibration=_usable(result.calibration)
+            )
+            if status is SessionStatus.CLOSED:
+                remember_if_over(uow, session_id, now)
             return uow.jobs.get(job.id)
 
     def complete_build(self, job: Job, result: BuildResult, build_s: float) -> Job:
@@ -144,6 +152,15 @@ def _is_finite(fix: Fix) -> bool:
     values = (fix.t, fix.x, fix.y, fix.cov_xx, fix.cov_xy, fix.cov_yy, fix.heading, fix.quality, fix.walk_on_m or 0.0)
     places = (value for h in fix.hypotheses for value in (h.x, h.y, h.cov_xx, h.cov_xy, h.cov_yy, h.weight))
     return all(map(math.isfinite, (*values, *places)))
+
+
+def _usable(calibration: DeviceCalibration | None) -> DeviceCalibration | None:
+    """None for a calibration that is not finite: nothing is learned from it, and the positions stand without it."""
+    if calibration is None:
+        return None
+    spreads = (*calibration.offset_sd, calibration.stride_scale_sd)
+    values = (*calibration.offset, calibration.stride_scale, *spreads)
+    return calibration if all(map(math.isfinite, values)) and min(spreads) >= 0.0 else None
 
 
 def _map_info(

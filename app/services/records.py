@@ -12,7 +12,19 @@ from datetime import datetime
 from enum import StrEnum
 from typing import Generic, TypeVar
 
-from app.engine.types import FeatureSet, Fix, ImuSamples, MapBuildSettings, Prior, RadioScans, WalkReport, Waypoints
+from app.engine.geodesy import TangentPlane
+from app.engine.types import (
+    DeviceCalibration,
+    FeatureSet,
+    Fix,
+    ImuSamples,
+    MapBuildSettings,
+    Prior,
+    RadioScans,
+    WalkReport,
+    Waypoints,
+)
+from app.services.aids import NO_AIDS, Aids
 
 T = TypeVar("T")
 
@@ -74,6 +86,10 @@ class Anchor:
     bearing_deg: float = 0.0
     height_m: float = 0.0
 
+    def plane(self) -> TangentPlane:
+        """The level frame in WGS 84."""
+        return TangentPlane(self.latitude_deg, self.longitude_deg, self.bearing_deg, self.height_m)
+
 
 @dataclass(frozen=True, slots=True)
 class Venue:
@@ -114,6 +130,17 @@ class Device:
 
 
 @dataclass(frozen=True, slots=True)
+class DeviceMemory:
+    """What ``n_sessions`` sessions taught about a device, in one epoch of its magnetometer's own calibration."""
+
+    device_id: str
+    epoch: str
+    calibration: DeviceCalibration
+    n_sessions: int
+    updated_at: datetime
+
+
+@dataclass(frozen=True, slots=True)
 class Survey:
     """Walks with known positions on one level."""
 
@@ -134,6 +161,7 @@ class NewWalk:
     content_hash: str
     wifi: RadioScans | None = None
     device_id: str | None = None
+    ble: RadioScans | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -198,8 +226,9 @@ class LevelMap:
 class Session:
     """One trip of one device.
 
-    ``level_id`` is None while the session may be on any level of its venue. ``maps`` are pinned when it opens: that of
-    the level, or of every level of the venue that has one.
+    ``level_id`` is None while the session may be on any level of its venue. Pinned when it opens: ``maps``, that of the
+    level, or of every level of the venue that has one, and ``prior.calibration``, what the device's earlier sessions
+    taught.
     """
 
     id: str
@@ -214,6 +243,8 @@ class Session:
     next_seq: int
     created_at: datetime
     closed_at: datetime | None
+    calibration_epoch: str = ""
+    """Changes when the device's platform recalibrates its magnetometer; the application's word."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -223,7 +254,7 @@ class NewSegment:
     seq: int
     samples: ImuSamples
     content_hash: str
-    wifi: RadioScans | None = None
+    aids: Aids = NO_AIDS
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from datetime import datetime
 
 from app.engine.types import Prior
+from app.services.aids import Recording
 from app.services.base import DEFAULT_LIMIT, Service, check_limit, check_number_cursor
 from app.services.clock import Clock
+from app.services.device_memory import remember_if_over, starting_calibration
 from app.services.errors import (
     InvalidError,
     OverloadedError,
@@ -16,6 +19,7 @@ from app.services.errors import (
     SessionClosedError,
 )
 from app.services.ids import new_id
+from app.services.level_frame import in_level_frame
 from app.services.methods import MethodCheck, check_method
 from app.services.places import choose_place
 from app.services.ports import JobListener, MapCache, UnitOfWork, UnitOfWorkFactory
@@ -64,17 +68,18 @@ class SessionService(Service):
         venue_id: str | None = None,
         device_id: str | None = None,
         map_id: str | None = None,
+        calibration_epoch: str = "",
     ) -> Session:
         """Open a session on a level, with its current map (or the named version) pinned.
 
-        With ``venue_id`` instead of a level: on any level of the venue that has a map, with all of these pinned.
+        With ``venue_id`` instead of a level: on any level of the venue that has a map, with all of these pinned. The
+        session starts with what earlier ones taught about the device in this epoch of its magnetometer.
         """
         self._check(method, parameters)
         now = self._clock()
         with self._uow(write=True) as uow:
             place = choose_place(uow, level_id, venue_id, map_id)
-            if device_id is not None:
-                uow.devices.get(device_id)
+            calibration = starting_calibration(uow, device_id, calibration_epoch)
             session = Session(
                 id=new_id("ses", now),
                 venue_id=place.venue_id,
@@ -83,11 +88,12 @@ class SessionService(Service):
                 device_id=device_id,
                 method=method,
                 parameters=dict(parameters),
-                prior=place.prior(prior),
+                prior=replace(place.prior(prior), calibration=calibration),
                 status=SessionStatus.OPEN,
                 next_seq=0,
                 created_at=now,
                 closed_at=None,
+                calibration_epoch=calibration_epoch,
             )
             uow.sessions.add(session)
         return session
@@ -119,9 +125,15 @@ class SessionService(Service):
             )
 
     def close(self, session_id: str) -> Session:
-        """Take no more segments; those accepted are still processed. Closing again changes nothing."""
+        """Take no more segments; those accepted are still processed. Closing again changes nothing.
+
+        What the session learned about its device is remembered, now or when its last segment is done.
+        """
+        now = self._clock()
         with self._uow(write=True) as uow:
-            return uow.sessions.close(session_id, self._clock())
+            session = uow.sessions.close(session_id, now)
+            remember_if_over(uow, session_id, now)
+        return session
 
     def accept(self, session_id: str, new: NewSegment) -> Accepted:
         """Store a segment and its job in one transaction; after this nothing is lost.
@@ -138,6 +150,7 @@ class SessionService(Service):
             if new.seq > session.next_seq:
                 raise SequenceGapError(new.seq, session.next_seq)
             _check_time(uow, session_id, new)
+            in_level_frame(uow, session.venue_id, [Recording(new.samples, new.aids)])
             if uow.jobs.count(JobState.QUEUED, JobState.RUNNING) >= self._max_queued:
                 raise OverloadedError(RETRY_AFTER_S)
             job = _locate_job(session_id, new.seq, now)

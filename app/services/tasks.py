@@ -11,7 +11,17 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from app.engine.mapping import FloorPlan
-from app.engine.types import Fix, MapBuild, MapBuildSettings, Prior, Progress, Segment, SurveyWalk, TrackerState
+from app.engine.types import (
+    DeviceCalibration,
+    Fix,
+    MapBuild,
+    MapBuildSettings,
+    Prior,
+    Progress,
+    Segment,
+    SurveyWalk,
+    TrackerState,
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,11 +48,12 @@ class LocateSpec:
 
 @dataclass(frozen=True, slots=True)
 class LocateResult:
-    """New tracker state and the fixes of the segment."""
+    """New tracker state, the fixes of the segment, and what the session has learned about its device so far."""
 
     state: TrackerState
     fixes: tuple[Fix, ...]
     cpu_s: float
+    calibration: DeviceCalibration | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from app.engine.localization.particle import ParticleTracker
+from app.engine.types import Segment
 from app.services.base import Service
 from app.services.clock import Clock
-from app.services.errors import NotSmoothableError
+from app.services.errors import InvalidError, NotSmoothableError
 from app.services.ids import seed_of
+from app.services.level_frame import in_level_frame
 from app.services.map_refs import MapRefs
 from app.services.ports import Executor, MapCache, UnitOfWork, UnitOfWorkFactory, WorkerLostError
 from app.services.records import JobState, Session, Trajectory
@@ -33,13 +35,13 @@ class TrajectoryService(Service):
         with self._uow() as uow:
             session = uow.sessions.get(session_id)
             _check(uow, session)
-            segments = uow.sessions.load_segments(session_id, MAX_SEGMENTS)
+            segments = _segments(uow, session)
         spec = SmoothSpec(
             method=session.method,
             parameters=session.parameters,
             prior=session.prior,
             seed=seed_of(session_id),
-            segments=tuple(segments),
+            segments=segments,
             maps=self._refs.refs(session.maps),
         )
         fixes = self._run(spec).fixes if segments else ()
@@ -54,6 +56,14 @@ class TrajectoryService(Service):
         except WorkerLostError:
             # once more on another worker: another session's crash is not this caller's fault
             return self._executor.submit(self._task, spec, affinity=affinity).result()
+
+
+def _segments(uow: UnitOfWork, session: Session) -> tuple[Segment, ...]:
+    recordings = uow.sessions.load_segments(session.id, MAX_SEGMENTS)
+    try:
+        return in_level_frame(uow, session.venue_id, recordings)
+    except InvalidError as error:  # the anchor was changed since: what is stored stands against it, not the request
+        raise NotSmoothableError(error.field, error.message, error.remedy) from error
 
 
 def _check(uow: UnitOfWork, session: Session) -> None:

@@ -2,25 +2,36 @@
 
 A blob is a header (magic, version, kind, rows) and one zlib stream. Times keep every bit: the bit patterns of the
 float64 values are differenced twice as integers, which is exact and leaves an even clock as zeros. Sensor values are
-float32, what phones deliver; uploads that carry more digits are rounded here. All columns are stored as byte
-planes (all first bytes, all second bytes, ...), which zlib packs better than interleaved numbers.
+float32, what phones deliver; uploads that carry more digits are rounded here. What comes with them (aids, waypoints)
+keeps every bit. All columns are stored as byte planes (all first bytes, all second bytes, ...), which zlib packs better
+than interleaved numbers.
 """
 
 from __future__ import annotations
 
 import struct
 import zlib
-from typing import TypeVar
+from collections.abc import Callable, Mapping
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from app.engine.types import Float64Array, ImuSamples, RadioScans, Waypoints
+from app.engine.types import (
+    Float64Array,
+    ImuSamples,
+    PressureReadings,
+    RadioScans,
+    SpeedReadings,
+    StepCounts,
+    Waypoints,
+)
+from app.services.aids import Aids, GnssReadings
 
 _HEADER = struct.Struct("<2sBBI")
 _MAGIC = b"IC"
 _VERSION = 1
-_SAMPLES, _SCANS, _WAYPOINTS = 1, 2, 3
+_SAMPLES, _SCANS, _WAYPOINTS, _GNSS, _PRESSURE, _SPEED, _STEPS = range(1, 8)
 _LEVEL = 1  # the next levels save 2 % and cost twice the time; this runs on the way of every segment
 _SENSORS = 9
 
@@ -74,17 +85,89 @@ def decode_scans(blob: bytes) -> RadioScans:
 
 
 def encode_waypoints(waypoints: Waypoints) -> bytes:
-    """Waypoints as a blob, exact."""
-    positions = np.stack([waypoints.x, waypoints.y]).astype("<f8")
-    return _pack(_WAYPOINTS, len(waypoints), _time_planes(waypoints.t), _planes(positions))
+    """Waypoints as a blob."""
+    return _encode_readings(_WAYPOINTS, waypoints.t, waypoints.x, waypoints.y)
 
 
 def decode_waypoints(blob: bytes) -> Waypoints:
     """Inverse of :func:`encode_waypoints`."""
-    n, payload = _unpack(_WAYPOINTS, blob)
-    _check_size(payload, 24 * n)
-    positions = _from_planes(payload[8 * n :], "<f8", 2, n).astype(np.float64)
-    return Waypoints(t=_times(payload[: 8 * n], n), x=positions[0], y=positions[1])
+    return Waypoints(*_decode_readings(_WAYPOINTS, blob, 2))
+
+
+def encode_gnss(gnss: GnssReadings) -> bytes:
+    """Satellite fixes as a blob."""
+    return _encode_readings(_GNSS, gnss.t, gnss.latitude_deg, gnss.longitude_deg, gnss.accuracy_m)
+
+
+def decode_gnss(blob: bytes) -> GnssReadings:
+    """Inverse of :func:`encode_gnss`."""
+    return GnssReadings(*_decode_readings(_GNSS, blob, 3))
+
+
+def encode_pressure(pressure: PressureReadings) -> bytes:
+    """Barometer readings as a blob."""
+    return _encode_readings(_PRESSURE, pressure.t, pressure.hpa)
+
+
+def decode_pressure(blob: bytes) -> PressureReadings:
+    """Inverse of :func:`encode_pressure`."""
+    return PressureReadings(*_decode_readings(_PRESSURE, blob, 1))
+
+
+def encode_speed(speed: SpeedReadings) -> bytes:
+    """Speeds as a blob."""
+    return _encode_readings(_SPEED, speed.t, speed.speed)
+
+
+def decode_speed(blob: bytes) -> SpeedReadings:
+    """Inverse of :func:`encode_speed`."""
+    return SpeedReadings(*_decode_readings(_SPEED, blob, 1))
+
+
+def encode_steps(steps: StepCounts) -> bytes:
+    """Step counts as a blob."""
+    return _encode_readings(_STEPS, steps.t, steps.count)
+
+
+def decode_steps(blob: bytes) -> StepCounts:
+    """Inverse of :func:`encode_steps`."""
+    return StepCounts(*_decode_readings(_STEPS, blob, 1))
+
+
+def encode_aids(aids: Aids) -> dict[str, bytes | None]:
+    """A blob for each aid, by its name; None where nothing was sent."""
+    given = {name: getattr(aids, name) for name in AID_COLUMNS}
+    return {name: None if aid is None else _AIDS[name][0](aid) for name, aid in given.items()}
+
+
+def decode_aids(blobs: Mapping[str, bytes | None]) -> Aids:
+    """Inverse of :func:`encode_aids`; other entries of ``blobs`` do not matter."""
+    given = {name: blobs[name] for name in AID_COLUMNS}
+    return Aids(**{name: None if blob is None else _AIDS[name][1](blob) for name, blob in given.items()})
+
+
+_AIDS: Mapping[str, tuple[Callable[[Any], bytes], Callable[[bytes], Any]]] = {
+    "wifi": (encode_scans, decode_scans),
+    "ble": (encode_scans, decode_scans),
+    "gnss": (encode_gnss, decode_gnss),
+    "pressure": (encode_pressure, decode_pressure),
+    "speed": (encode_speed, decode_speed),
+    "steps": (encode_steps, decode_steps),
+}
+AID_COLUMNS = tuple(_AIDS)
+"""Names of the aids' columns, those of the fields of :class:`app.services.aids.Aids`."""
+
+
+def _encode_readings(kind: int, t: Float64Array, *columns: Float64Array) -> bytes:
+    return _pack(kind, len(t), _time_planes(t), _planes(np.stack(columns).astype("<f8")))
+
+
+def _decode_readings(kind: int, blob: bytes, k: int) -> tuple[Float64Array, ...]:
+    """Times and ``k`` columns."""
+    n, payload = _unpack(kind, blob)
+    _check_size(payload, 8 * n * (1 + k))
+    columns = _from_planes(payload[8 * n :], "<f8", k, n).astype(np.float64)
+    return (_times(payload[: 8 * n], n), *columns)
 
 
 def _pack(kind: int, n: int, *parts: bytes) -> bytes:

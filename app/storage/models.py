@@ -132,6 +132,23 @@ devices = Table(
     _time("created_at"),
 )
 
+device_calibrations = Table(
+    "device_calibrations",
+    metadata,
+    Column("device_id", ID, ForeignKey("devices.id"), primary_key=True),
+    Column("epoch", String(64), primary_key=True),
+    _double("offset_x"),
+    _double("offset_y"),
+    _double("offset_z"),
+    _double("offset_sd_x"),
+    _double("offset_sd_y"),
+    _double("offset_sd_z"),
+    _double("stride_scale"),
+    _double("stride_scale_sd"),
+    Column("n_sessions", Integer, nullable=False),
+    _time("updated_at"),
+)
+
 surveys = Table(
     "surveys",
     metadata,
@@ -164,6 +181,7 @@ walk_samples = Table(
     Column("samples", LargeBinary, nullable=False),
     Column("waypoints", LargeBinary, nullable=False),
     Column("wifi", LargeBinary, nullable=True),
+    Column("ble", LargeBinary, nullable=True),
 )
 
 jobs = Table(
@@ -276,6 +294,9 @@ sessions = Table(
     Column("next_seq", Integer, nullable=False),
     _time("created_at"),
     _time("closed_at", nullable=True),
+    Column("calibration_epoch", String(64), nullable=False, server_default=""),
+    # when what the session learned went into its device's memory
+    _time("remembered_at", nullable=True),
     Index(None, "venue_id", "id"),
     Index(None, "level_id", "id"),
     Index(None, "device_id", "id"),
@@ -288,6 +309,7 @@ tracker_states = Table(
     Column("method", String(64), nullable=False),
     Column("payload", LargeBinary, nullable=False),
     _double("last_t", nullable=True),
+    Column("calibration", JSON, nullable=True),
 )
 
 segments = Table(
@@ -316,6 +338,11 @@ segment_samples = Table(
     Column("seq", Integer, primary_key=True, autoincrement=False),
     Column("samples", LargeBinary, nullable=False),
     Column("wifi", LargeBinary, nullable=True),
+    Column("ble", LargeBinary, nullable=True),
+    Column("gnss", LargeBinary, nullable=True),
+    Column("pressure", LargeBinary, nullable=True),
+    Column("speed", LargeBinary, nullable=True),
+    Column("steps", LargeBinary, nullable=True),
     ForeignKeyConstraint(["session_id", "seq"], ["segments.session_id", "segments.seq"]),
 )
 

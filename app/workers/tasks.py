@@ -83,7 +83,8 @@ class LocateSegment:
         tracker = create_tracker(spec.method, spec.parameters)
         state = tracker.start(spec.prior, seed=spec.seed) if spec.state is None else spec.state
         state, fixes = tracker.step(state, spec.segment, SpecMaps(spec.maps, self.open_map, self.keep_maps))
-        return LocateResult(state=state, fixes=fixes, cpu_s=time.thread_time() - started)
+        learned = tracker.learned(state)
+        return LocateResult(state, fixes, cpu_s=time.thread_time() - started, calibration=learned)
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,6 +15,7 @@ from fastapi import FastAPI
 
 from app.api import create_api
 from app.engine.types import Float64Array, ImuSamples
+from app.services.aids import Aids
 from app.services.container import Services, build_services
 from app.services.records import Anchor, Job, JobKind, JobState, Level, Scope, VenueKind
 from app.services.tasks import BuildResult
@@ -34,6 +35,7 @@ from tests.support.builders import (
 
 JSON_TYPE = "application/json"
 MSGPACK_TYPE = "application/msgpack"
+ANCHOR = Anchor(48.1507, 11.5691, 12.5, 515.0)
 
 
 @dataclass(frozen=True)
@@ -175,6 +177,13 @@ class Api:
         self.services.surveys.add_walk(survey.id, new_walk())
         return level
 
+    def anchored_level(self, anchor: Anchor | None = ANCHOR) -> Level:
+        """A level with a current map, of a venue with this anchor."""
+        level = self.mapped_level()
+        venue = self.services.venues.get(level.venue_id)
+        self.services.venues.update(venue.id, venue.name, anchor)
+        return level
+
     def mapped_level(self, **settings: object) -> Level:
         """A level with a current map (vector features)."""
         level = self.surveyed_level()
@@ -230,10 +239,7 @@ def plain(value: Any) -> Any:
 
 def packed(value: Any) -> Any:
     """Columns as little-endian binaries, for msgpack: float64 for times and waypoints, float32 for sensors."""
-    return {
-        name: _packed_samples(item) if name in {"samples", "waypoints", "wifi"} and item is not None else item
-        for name, item in value.items()
-    }
+    return {name: _packed_samples(item) if isinstance(item, dict) else item for name, item in value.items()}
 
 
 def _packed_samples(value: dict[str, Any]) -> dict[str, Any]:
@@ -242,8 +248,32 @@ def _packed_samples(value: dict[str, Any]) -> dict[str, Any]:
             return {axis: column(axis, part, wide=False) for axis, part in item.items()}
         return _binary(item, "<f8" if wide else "<f4") if isinstance(item, np.ndarray) else item
 
-    is_waypoints = "x" in value
-    return {name: column(name, item, wide=name == "t_ms" or is_waypoints) for name, item in value.items()}
+    wide = {"t_ms", "latitude_deg", "longitude_deg", "count", "x", "y"}
+    return {name: column(name, item, wide=name in wide) for name, item in value.items()}
+
+
+def aid_columns(aids: Aids) -> dict[str, Any]:
+    """Aids as numpy columns, as an upload names them."""
+    names = {
+        "wifi": {"bssid": "address", "rssi": "rssi"},
+        "ble": {"address": "address", "rssi": "rssi"},
+        "gnss": {name: name for name in ("latitude_deg", "longitude_deg", "accuracy_m")},
+        "pressure": {"hpa": "hpa"},
+        "speed": {"speed_m_s": "speed"},
+        "steps": {"count": "count"},
+    }
+    given = {name: getattr(aids, name) for name in names if getattr(aids, name) is not None}
+    return {
+        name: {
+            "t_ms": aid.t * 1000.0,
+            **{column: _listed(getattr(aid, field)) for column, field in names[name].items()},
+        }
+        for name, aid in given.items()
+    }
+
+
+def _listed(column: Any) -> Any:
+    return list(column) if isinstance(column, tuple) else column
 
 
 def _binary(column: Float64Array, kind: str) -> bytes:

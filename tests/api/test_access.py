@@ -38,6 +38,7 @@ TABLE = {
     "POST /v1/devices": LOCATE,
     "GET /v1/devices": LOCATE,
     "GET /v1/devices/{device_id}": LOCATE,
+    "DELETE /v1/devices/{device_id}/calibrations": LOCATE,
     "POST /v1/surveys": SURVEY,
     "GET /v1/surveys": SURVEY,
     "GET /v1/surveys/{survey_id}": SURVEY,

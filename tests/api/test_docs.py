@@ -68,7 +68,8 @@ def run(api: Api, command: str, names: dict[str, str], files: dict[str, bytes]) 
     method = method or ("POST" if content is not None else "GET")
     response = api.call(method, url, key=None, headers=headers, content=content)
     assert response.is_success, f"{command}\n{response.status_code} {response.text}"
-    return response.json() if response.headers.get("Content-Type", "").endswith("json") else None
+    is_json = response.content and response.headers.get("Content-Type", "").endswith("json")
+    return response.json() if is_json else None
 
 
 def test_the_examples_run_in_order(api: Api) -> None:
@@ -79,7 +80,7 @@ def test_the_examples_run_in_order(api: Api) -> None:
         "walk.json": json.dumps(plain(walk_body())).encode(),
         "segment.json": json.dumps(plain(segment_body())).encode(),
     }
-    prefixes = {"ven": "VENUE", "lvl": "LEVEL", "srv": "SURVEY", "ses": "SESSION", "job": "JOB"}
+    prefixes = {"ven": "VENUE", "lvl": "LEVEL", "srv": "SURVEY", "ses": "SESSION", "job": "JOB", "dev": "DEVICE"}
     ran = 0
     for command in commands():
         files["locate.json"] = json.dumps(

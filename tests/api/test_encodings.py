@@ -95,7 +95,7 @@ def test_the_hash_does_not_see_the_number() -> None:
 
 def test_an_empty_scan_is_no_scan() -> None:
     nothing: dict[str, object] = {"t_ms": [], "bssid": [], "rssi": []}
-    assert from_json({**segment_body(), "wifi": nothing}).wifi is None
+    assert from_json({**segment_body(), "wifi": nothing}).aids.wifi is None
     assert from_json({**segment_body(), "wifi": nothing}).content_hash == from_json(segment_body()).content_hash
 
 

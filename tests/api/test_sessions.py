@@ -130,6 +130,11 @@ def test_a_level_without_a_map(api: Api) -> None:
         ({"prior": {"heading": 1}}, "prior.heading"),
         ({"level": "x"}, "level"),
         ({"device_id": ""}, "device_id"),
+        ({"calibration_epoch": "a"}, "calibration_epoch"),
+        ({"calibration_epoch": "x" * 65}, "calibration_epoch"),
+        ({"calibration_epoch": "a\nb"}, "calibration_epoch"),
+        ({"calibration_epoch": None}, "calibration_epoch"),
+        ({"calibration_epoch": 5}, "calibration_epoch"),
     ],
 )
 def test_what_cannot_be_accepted_is_named(api: Api, change: dict[str, object], field: str) -> None:

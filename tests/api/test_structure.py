@@ -149,7 +149,15 @@ def test_the_largest_honest_bodies_pass() -> None:
         column = [0.125] * n
         vectors = {name: dict.fromkeys("xyz", column) for name in ("mag", "acc", "gyro")}
         wifi = {"t_ms": [1] * 50_000, "bssid": ["a4:2b:8c:00:11:22"] * 50_000, "rssi": [-61] * 50_000}
-        body = {"samples": {"t_ms": column, **vectors}, "wifi": wifi, "name": "[" * 200}
+        ble = {"t_ms": [1] * 50_000, "address": ["c0:ff:ee:00:00:01"] * 50_000, "rssi": [-61] * 50_000}
+        others = {
+            "gnss": dict.fromkeys(("t_ms", "latitude_deg", "longitude_deg", "accuracy_m"), [1.5] * 10_000),
+            "pressure": dict.fromkeys(("t_ms", "hpa"), [950.5] * 10_000),
+            "speed": dict.fromkeys(("t_ms", "speed_m_s"), [1.5] * 10_000),
+            "steps": dict.fromkeys(("t_ms", "count"), [7] * 10_000),
+        }
+        aids = {"wifi": wifi, "ble": ble, **others}
+        body = {"samples": {"t_ms": column, **vectors}, **aids, "name": "[" * 200}
         check_json(orjson.dumps(body), bounds)
         assert decode_msgpack(msgpack.packb(body), bounds) == body
 

@@ -112,8 +112,9 @@ def test_a_session_from_first_to_last(service: Service, surveyed: Surveyed, walk
     samples = samples_of(walk.samples)
     with service.client() as client:
         with client.open_session(surveyed.level_id, prior=start_of(walk), parameters={"particles": 500}) as session:
-            results = list(session.send_all(samples, wifi=wifi_of(walk.wifi), wait=20))
-            repeated = client.send_segment(session.id, 0, next(samples.split()), wifi=first_wifi(walk, samples), wait=1)
+            results = list(session.send_all(samples, aids=isodyn.Aids(wifi=wifi_of(walk.wifi)), wait=20))
+            first = isodyn.Aids(wifi=first_wifi(walk, samples))
+            repeated = client.send_segment(session.id, 0, next(samples.split()), aids=first, wait=1)
         assert [result.seq for result in results] == list(range(len(results)))
         assert all(result.fixes is not None and result.position is not None for result in results)
         assert repeated.fixes is not None
@@ -160,6 +161,37 @@ def test_a_session_in_a_venue_names_the_level_of_every_fix(
         assert (caught.value.field, caught.value.remedy) == ("prior.x", "send level_id, or leave x and y out")
         with pytest.raises(isodyn.NoMapError):
             client.create_session(venue_id=client.create_venue("Empty").id)
+
+
+def test_a_session_teaches_the_next_one_of_its_device(service: Service, surveyed: Surveyed, walk: RecordedWalk) -> None:
+    with service.client() as client:
+        device = client.create_device("phone that learns")
+
+        def open_session(epoch: str) -> isodyn.Session:
+            return client.open_session(
+                surveyed.level_id, prior=start_of(walk), device_id=device.id, calibration_epoch=epoch
+            )
+
+        with open_session("bias-1") as first:
+            assert first.info.calibration is None
+            list(first.send_all(samples_of(walk.samples), wait=20))
+        (known,) = client.device(device.id).calibrations
+        assert (known.epoch, known.n_sessions) == ("bias-1", 1)
+        assert all(2.0 <= sd <= 5.5 for sd in known.offset_sd)
+        assert 0.04 <= known.stride_scale_sd <= 0.13
+        with open_session("bias-1") as second:
+            assert second.info.calibration is not None
+            assert second.info.calibration.offset == known.offset
+            assert second.info.calibration.offset_sd > known.offset_sd
+            results = list(second.send_all(samples_of(walk.samples), wait=20))
+        assert all(result.fixes for result in results)
+        assert client.device(device.id).calibrations[0].n_sessions == 2
+        other = open_session("bias-2").info.calibration
+        assert other is not None
+        assert other.offset == (0.0, 0.0, 0.0)
+        client.forget_calibrations(device.id)
+        assert client.device(device.id).calibrations == ()
+        assert open_session("bias-1").info.calibration is None
 
 
 def first_wifi(walk: RecordedWalk, samples: isodyn.Samples) -> isodyn.WifiScans | None:
@@ -217,6 +249,41 @@ def test_geojson_needs_an_anchor(service: Service, surveyed: Surveyed, walk: Rec
         collection = json.loads(client.positions_geojson(session.id))
     longitude, latitude = collection["features"][0]["geometry"]["coordinates"]
     assert (longitude, latitude) == (pytest.approx(120.1, abs=0.01), pytest.approx(30.3, abs=0.01))
+
+
+def every_aid(samples: isodyn.Samples) -> isodyn.Aids:
+    """Made-up readings over the whole recording."""
+    t_ms = samples.t_ms[::100]
+    n = len(t_ms)
+    return isodyn.Aids(
+        wifi=isodyn.WifiScans(t_ms, ["02:00:00:00:00:01"] * n, np.full(n, -60.5)),
+        ble=isodyn.BleScans(t_ms, ["c0:ff:ee:00:00:01"] * n, np.full(n, -71.0)),
+        gnss=isodyn.GnssFixes(t_ms, np.full(n, 30.3), np.full(n, 120.1), np.full(n, 25.0)),
+        pressure=isodyn.PressureReadings(t_ms, np.linspace(1003.0, 1003.4, n)),
+        speed=isodyn.SpeedReadings(t_ms, np.full(n, 1.3)),
+        steps=isodyn.StepCounts(t_ms, np.arange(n)),
+    )
+
+
+def test_every_aid_may_come_with_segments_and_one_shot_requests(
+    service: Service, surveyed: Surveyed, walk: RecordedWalk
+) -> None:
+    samples = samples_of(walk.samples)[:800]
+    aids = every_aid(samples)
+    with service.client() as client:
+        venue = client.venue(client.level(surveyed.level_id).venue_id)
+        if venue.anchor is None:
+            with pytest.raises(isodyn.InvalidRequestError, match="anchor") as caught:
+                client.locate(surveyed.level_id, samples, prior=start_of(walk), aids=aids)
+            assert caught.value.field == "gnss"
+            client.update_venue(venue.id, anchor=isodyn.Anchor(latitude_deg=30.3, longitude_deg=120.1))
+        with client.open_session(surveyed.level_id, prior=start_of(walk)) as session:
+            results = list(session.send_all(samples, aids=aids, wait=20))
+        assert [result.error for result in results] == [None] * len(results)
+        assert len(client.locate(surveyed.level_id, samples, prior=start_of(walk), aids=aids).fixes) > 5
+        assert len(session.trajectory()) > 5
+        survey = client.create_survey(surveyed.level_id, "with beacons")
+        client.add_walk(survey.id, "a", samples, isodyn.Waypoints(samples.t_ms[[0, -1]], [1, 9], [1, 9]), ble=aids.ble)
 
 
 def test_jobs_methods_keys_stats(service: Service, surveyed: Surveyed) -> None:

@@ -111,6 +111,24 @@ def test_locates_samples_of_a_file(service: Service, surveyed: Surveyed, tmp_pat
     assert abs(answers[0]["x"][0] - x) < 10
 
 
+def test_aids_in_a_file_are_sent(service: Service, surveyed: Surveyed, tmp_path: Path) -> None:
+    _, body, x, y = write_samples(tmp_path)
+    content = json.loads(body.read_text())
+    call = ("locate", body, "--level", surveyed.level_id, "--x", str(x), "--y", str(y))
+    content["pressure"] = {"t_ms": content["samples"]["t_ms"][:2], "hpa": [1003.5, 1003.25]}
+    content["ble"] = {"t_ms": content["samples"]["t_ms"][:1], "address": ["c0:ff:ee:00:00:01"], "rssi": [-70]}
+    body.write_text(json.dumps(content))
+    assert "95 % ellipse" in service.isodyn(*call).stdout
+    content["pressure"]["hpa"] = [100350.0, 100325.0]
+    body.write_text(json.dumps(content))
+    refused = run(*call, ISODYN_URL=service.url, ISODYN_KEY=service.key)
+    assert refused.exit_code == 1
+    assert "looks like Pa" in refused.output.replace("\n", " ")
+    content["pressure"] = {"hpa": [1003.5]}
+    body.write_text(json.dumps(content))
+    assert "not in the expected form" in run(*call).output.replace("\n", " ")
+
+
 @pytest.mark.parametrize("content", ["t_ms,mx\n1,2\n", "", "t_ms,mx,my,mz,ax,ay,az,gx,gy,gz\n1,2,3,4,5,6,7,8,9,ten\n"])
 def test_a_broken_file_is_named(tmp_path: Path, content: str) -> None:
     file = tmp_path / "walk.csv"

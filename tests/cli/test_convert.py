@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import httpx
 import isodyn_client as isodyn
+import msgpack
 import numpy as np
 import pytest
 from hypothesis import given
@@ -15,6 +17,7 @@ from app.cli.convert import fixes_from, prior_of, to_ms
 from app.cli.transport import ServiceTransport
 from app.engine.types import ImuSamples, Prior, Segment, Status
 from app.evaluation.errors import TransportError
+from tests.support.builders import all_aids
 
 
 @given(st.lists(st.integers(0, 4_000_000_000_000), min_size=1, max_size=50, unique=True))
@@ -67,6 +70,25 @@ def test_fixes_come_back_as_the_engines() -> None:
     assert fixes[0].heading == pytest.approx(math.pi / 2)
     assert (fixes[0].walk_on_m, fixes[1].walk_on_m) == (12.0, None)
     assert fixes[0].status is Status.INSUFFICIENT
+
+
+def test_aids_of_a_segment_are_sent() -> None:
+    sent: list[httpx.Request] = []
+
+    def handle(request: httpx.Request) -> httpx.Response:
+        sent.append(request)
+        return answer("done", columns(1))
+
+    client = isodyn.Client("http://service.test", transport=httpx.MockTransport(handle))
+    aids = all_aids(t0=0.0)
+    segment = replace(SEGMENT, wifi=aids.wifi, ble=aids.ble, pressure=aids.pressure, speed=aids.speed, steps=aids.steps)
+    ServiceTransport(client).send_segment("ses_1", 0, segment)
+    value = msgpack.unpackb(sent[0].content)
+    assert {name for name in value if name not in ("seq", "frame", "samples")} == {
+        "wifi", "ble", "pressure", "speed", "steps"
+    }  # fmt: skip
+    assert value["steps"] == {"t_ms": [250.0, 1500.0, 4125.0], "count": [5120.0, 5120.0, 5126.0]}
+    assert value["ble"]["address"] == list(aids.ble.address)  # type: ignore[union-attr]
 
 
 def test_a_slow_segment_is_waited_for() -> None:

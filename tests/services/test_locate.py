@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from app.engine.types import Prior, Progress
+from app.services.aids import Aids
 from app.services.errors import InvalidError, NoMapError, NotFoundError
 from app.services.locate import LocateService
 from app.services.ports import WorkerLostError
@@ -48,7 +49,7 @@ def test_a_segment_is_located_and_nothing_is_stored(world: World) -> None:
     level, worker = world.mapped_level(), Worker()
     before = world.services.stats.stats()
     located = _service(world, worker).locate(
-        level.id, "particle", {"n_particles": 7}, Prior("?", 1.0, 2.0), samples(), wifi=scans()
+        level.id, "particle", {"n_particles": 7}, Prior("?", 1.0, 2.0), samples(), aids=Aids(wifi=scans())
     )
     assert located.fixes == locate_result(level_id=level.id).fixes
     assert located.maps == (LevelMap(level.id, level.current_map_id),)

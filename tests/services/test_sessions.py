@@ -10,6 +10,7 @@ import pytest
 
 from app.engine.types import Hypothesis, ImuSamples, Prior
 from app.services import places
+from app.services.aids import Aids
 from app.services.errors import (
     ConflictError,
     InvalidError,
@@ -140,7 +141,7 @@ def test_sessions_are_listed_by_venue_level_device_and_status(world: World) -> N
 
 
 def test_a_segment_is_stored_with_its_job(world: World) -> None:
-    session, new = world.session(), new_segment(wifi=scans())
+    session, new = world.session(), new_segment(aids=Aids(wifi=scans()))
     accepted = world.services.sessions.accept(session.id, new)
     assert not accepted.repeated
     assert accepted.job.kind is JobKind.LOCATE_SEGMENT

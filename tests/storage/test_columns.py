@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from app.engine.types import ImuSamples, RadioScans, Waypoints
+from app.engine.types import ImuSamples, PressureReadings, RadioScans, SpeedReadings, StepCounts, Waypoints
+from app.services.aids import NO_AIDS, Aids, GnssReadings
 from app.storage import columns
-from tests.support.builders import samples, scans
+from tests.support.builders import all_aids, samples, scans
 
 COUNTS = st.integers(0, 40)
 ANY_FLOAT64 = st.floats(width=64, allow_nan=True, allow_infinity=True)
@@ -72,6 +75,40 @@ def test_waypoints_round_trip_to_the_bit(waypoints: Waypoints) -> None:
     back = columns.decode_waypoints(columns.encode_waypoints(waypoints))
     for name in ("t", "x", "y"):
         np.testing.assert_array_equal(_bits(getattr(back, name)), _bits(getattr(waypoints, name)), err_msg=name)
+
+
+AIDS = {
+    "gnss": (GnssReadings, 4),
+    "pressure": (PressureReadings, 2),
+    "speed": (SpeedReadings, 2),
+    "steps": (StepCounts, 2),
+}
+
+
+@settings(deadline=None)
+@given(data=st.data(), name=st.sampled_from(sorted(AIDS)), n=COUNTS)
+def test_aids_round_trip_to_the_bit(data: st.DataObject, name: str, n: int) -> None:
+    kind, k = AIDS[name]
+    given_aid = kind(*(data.draw(_float64(n)) for _ in range(k)))
+    blobs = columns.encode_aids(Aids(**{name: given_aid}))
+    assert [key for key, blob in blobs.items() if blob is not None] == [name]
+    back = getattr(columns.decode_aids(blobs), name)
+    for column in fields(kind):
+        after = getattr(back, column.name)
+        assert after.dtype == np.float64
+        np.testing.assert_array_equal(_bits(after), _bits(getattr(given_aid, column.name)), err_msg=column.name)
+
+
+def test_every_aid_has_a_column() -> None:
+    assert tuple(column.name for column in fields(Aids)) == columns.AID_COLUMNS
+    assert None not in columns.encode_aids(all_aids()).values()
+    assert columns.decode_aids(columns.encode_aids(NO_AIDS)) == NO_AIDS
+
+
+def test_aids_of_one_kind_are_not_taken_for_another() -> None:
+    blobs = columns.encode_aids(all_aids())
+    with pytest.raises(columns.ColumnsError, match="kind"):
+        columns.decode_aids({**blobs, "speed": blobs["pressure"]})
 
 
 def test_more_digits_than_float32_are_rounded_to_the_nearest() -> None:

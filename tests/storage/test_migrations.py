@@ -3,20 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from alembic.autogenerate import compare_metadata
 from alembic.migration import MigrationContext
 from alembic.script import ScriptDirectory
-from sqlalchemy import Engine, inspect
+from sqlalchemy import Engine, inspect, text
 
 from app.engine.types import Hypothesis, Prior
+from app.services.aids import NO_AIDS
 from app.services.records import LevelMap
 from app.storage import Database
+from app.storage.columns import encode_samples, encode_scans
 from app.storage.database import BrokenReferencesError
 from app.storage.migrations import config_for, upgrade
 from app.storage.models import metadata
+from tests.support.builders import samples, scans
 
 
 @pytest.fixture
@@ -126,4 +130,29 @@ def test_rows_that_refer_to_none_stop_a_migration(tmp_path: Path) -> None:
         database.migrate()
     with database.engine.connect() as connection:
         assert connection.exec_driver_sql("SELECT version_num FROM alembic_version").scalar() == "r0002"
+    database.close()
+
+
+_JOB = f"""INSERT INTO jobs VALUES (1, 'job', 'locate_segment', 'queued', 'ses', '{{}}', 0, 0, '', '{{}}',
+    NULL, '{_NOW}', NULL, NULL)"""
+_SEGMENT = f"INSERT INTO segments VALUES ('ses', 0, 'h', 250, 0, 5, 'job', NULL, NULL, NULL, '{_NOW}', NULL)"
+
+
+def test_a_session_of_before_has_no_aids_and_taught_nothing(tmp_path: Path) -> None:
+    database = _at_revision(tmp_path, "r0002")
+    with database.engine.begin() as connection:
+        for statement in (_VENUE, _LEVEL, _MAP, _SESSION, _STATE, _JOB, _SEGMENT):
+            connection.exec_driver_sql(statement)
+        connection.execute(
+            text("INSERT INTO segment_samples VALUES ('ses', 0, :samples, :wifi)"),
+            {"samples": encode_samples(samples()), "wifi": encode_scans(scans())},
+        )
+    database.migrate()
+    with database() as uow:
+        session = uow.sessions.get("ses")
+        assert (session.calibration_epoch, session.prior.calibration) == ("", None)
+        assert uow.sessions.learned("ses") is None
+        recording = uow.sessions.load_segment("ses", 0)
+        assert recording.aids.wifi is not None
+        assert replace(recording.aids, wifi=None) == NO_AIDS
     database.close()

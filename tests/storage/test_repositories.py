@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import replace
+from dataclasses import fields, replace
 from datetime import timedelta
 
 import numpy as np
@@ -11,12 +11,14 @@ import pytest
 from sqlalchemy.exc import IntegrityError
 
 from app.engine.types import FeatureSet, GridMap, MapBuildSettings, Prior, TrackerState, WalkReport
+from app.services.aids import NO_AIDS, Aids
 from app.services.errors import NotFoundError, SequenceGapError
 from app.services.ports import UnitOfWork
 from app.services.records import (
     Anchor,
     ApiKey,
     Device,
+    DeviceMemory,
     Job,
     JobKind,
     JobState,
@@ -34,7 +36,18 @@ from app.services.records import (
     Walk,
 )
 from app.storage import Database
-from tests.support.builders import START, fix, grid_map, new_segment, new_walk, queued_job, radio_map, scans
+from tests.support.builders import (
+    START,
+    all_aids,
+    calibration,
+    fix,
+    grid_map,
+    new_segment,
+    new_walk,
+    queued_job,
+    radio_map,
+    scans,
+)
 
 LATER = START + timedelta(seconds=90, microseconds=123_456)
 QUEUED, RUNNING, DONE, FAILED, CANCELLED = JobState
@@ -222,7 +235,7 @@ def test_devices(database: Database) -> None:
 
 
 def test_walks(database: Database) -> None:
-    data = new_walk(wifi=scans())
+    data = replace(new_walk(wifi=scans()), ble=all_aids().ble)
     write(database, add_survey, lambda uow: uow.surveys.add_walk(walk(content_hash=data.content_hash), data))
     plain = new_walk(seed=1)
     write(database, lambda uow: uow.surveys.add_walk(walk("wlk_2", content_hash=plain.content_hash), plain))
@@ -243,6 +256,9 @@ def test_walks(database: Database) -> None:
         np.testing.assert_array_equal(first.waypoints.x, data.waypoints.x)
         assert first.wifi is not None
         assert first.wifi.address == scans().address
+        assert first.ble is not None
+        assert first.ble.address == all_aids().ble.address  # type: ignore[union-attr]
+        assert second.ble is None
     write(database, lambda uow: uow.surveys.delete_walk("wlk_1"))
     with database() as uow:
         assert [one.walk_id for one in uow.surveys.load_walks("lvl_1", ())] == ["wlk_2"]
@@ -344,18 +360,20 @@ def test_builds_keep_their_request(database: Database) -> None:
 
 
 def test_sessions(database: Database) -> None:
+    prior = replace(session().prior, calibration=calibration())
+    other = replace(session("ses_2", device_id="dev_1"), prior=prior, calibration_epoch="bias-1")
     write(database, add_map, lambda uow: uow.devices.add(Device("dev_1", "a", None, START)))
     write(
         database,
         lambda uow: uow.sessions.add(session()),
-        lambda uow: uow.sessions.add(session("ses_2", device_id="dev_1")),
+        lambda uow: uow.sessions.add(other),
     )
     write(database, lambda uow: uow.sessions.close("ses_1", LATER))
     closed = replace(session(), status=SessionStatus.CLOSED, closed_at=LATER)
     with database(write=True) as uow:
         assert uow.sessions.get("ses_1") == closed
         assert uow.sessions.close("ses_1", LATER + timedelta(hours=1)) == closed
-        assert uow.sessions.get("ses_2") == session("ses_2", device_id="dev_1")
+        assert uow.sessions.get("ses_2") == other
 
         def listed(**wanted: str) -> list[str]:
             filters = dict.fromkeys(("venue_id", "level_id", "device_id", "status")) | wanted
@@ -398,7 +416,7 @@ def test_segments(database: Database) -> None:
     write(database, add_session)
     with database() as uow:
         assert uow.sessions.last_segment("ses_1") is None
-    new = replace(new_segment(0), wifi=scans())
+    new = new_segment(0, aids=Aids(wifi=scans()))
     write(database, lambda uow: uow.jobs.add(queued_job("job_0")))
     write(database, lambda uow: uow.sessions.add_segment("ses_1", new, "job_0", LATER))
     write(database, lambda uow: add_segment(uow, 1))
@@ -418,14 +436,92 @@ def test_segments(database: Database) -> None:
         loaded = uow.sessions.load_segment("ses_1", 0)
         for name in ("t", "mag", "acc", "gyro"):
             np.testing.assert_array_equal(getattr(loaded.samples, name), getattr(new.samples, name))
-        assert loaded.wifi is not None
-        np.testing.assert_array_equal(loaded.wifi.rssi, scans().rssi)
-        assert uow.sessions.load_segment("ses_1", 1).wifi is None
+        assert loaded.aids.wifi is not None
+        np.testing.assert_array_equal(loaded.aids.wifi.rssi, scans().rssi)
+        assert uow.sessions.load_segment("ses_1", 1).aids == NO_AIDS
+
+
+def test_aids_come_back_to_the_bit(database: Database) -> None:
+    write(database, add_session, lambda uow: uow.jobs.add(queued_job("job_0")))
+    write(database, lambda uow: uow.sessions.add_segment("ses_1", new_segment(0, aids=all_aids()), "job_0", LATER))
+    write(database, lambda uow: uow.jobs.claim(limit=1, now=LATER), lambda uow: uow.jobs.finish("job_0", DONE, LATER))
+    with database() as uow:
+        for loaded in (uow.sessions.load_segment("ses_1", 0), uow.sessions.load_segments("ses_1", 1)[0]):
+            for aid in fields(Aids):
+                taken, given = getattr(loaded.aids, aid.name), getattr(all_aids(), aid.name)
+                assert type(taken) is type(given)
+                for column in fields(given):
+                    a, b = getattr(taken, column.name), getattr(given, column.name)
+                    assert a == b if isinstance(b, tuple) else a.tobytes() == b.tobytes(), (aid.name, column.name)
+
+
+def test_what_a_session_learned_last_stays_until_it_learns_more(database: Database) -> None:
+    write(database, add_session, *(lambda uow, seq=seq: add_segment(uow, seq) for seq in range(4)))
+    state = TrackerState("particle", b"x", 1.0)
+    expected = None
+    for seq, learned in enumerate((None, calibration(1.0), None, calibration(-2.0 / 3.0))):
+        with database(write=True) as uow:
+            status = uow.sessions.record_result("ses_1", seq, state, (), LATER, calibration=learned)
+        assert status is SessionStatus.OPEN
+        expected = learned or expected
+        with database() as uow:
+            assert uow.sessions.learned("ses_1") == expected
+    with database() as uow:
+        assert uow.sessions.learned("ses_2") is None
+    write(database, lambda uow: uow.sessions.close("ses_1", LATER))
+    with database(write=True) as uow:
+        assert uow.sessions.record_result("ses_1", 3, state, (), LATER) is SessionStatus.CLOSED
+        assert uow.sessions.mark_remembered("ses_1", LATER)
+    with database(write=True) as uow:
+        assert not uow.sessions.mark_remembered("ses_1", LATER)
+
+
+def test_what_is_remembered_of_devices(database: Database) -> None:
+    write(
+        database,
+        lambda uow: uow.devices.add(Device("dev_1", "a", None, START)),
+        lambda uow: uow.devices.add(Device("dev_2", "b", None, START)),
+    )
+    old = DeviceMemory("dev_1", "", calibration(1.0 / 3.0), 4, START)
+    new = DeviceMemory("dev_1", "bias é", calibration(7.0), 1, LATER)
+    other = DeviceMemory("dev_2", "", calibration(-1.0), 2, LATER)
+    write(database, *(lambda uow, memory=memory: uow.devices.set_memory(memory) for memory in (new, old, other)))
+    with database() as uow:
+        assert uow.devices.memories("dev_1") == (new, old)
+        with pytest.raises(NotFoundError, match="device"):
+            uow.devices.memories("dev_3")
+    newest = replace(old, calibration=calibration(2.0), n_sessions=5, updated_at=LATER + timedelta(seconds=1))
+    write(database, lambda uow: uow.devices.set_memory(newest))
+    with database(write=True) as uow:
+        assert uow.devices.memories("dev_1") == (newest, new)
+    write(database, lambda uow: uow.devices.forget("dev_1"))
+    with database() as uow:
+        assert (uow.devices.memories("dev_1"), uow.devices.memories("dev_2")) == ((), (other,))
+
+
+def test_pending_jobs_of_a_key(database: Database) -> None:
+    write(
+        database,
+        *(lambda uow, i=i, key=key: uow.jobs.add(queued_job(f"job_{i}", key=key)) for i, key in enumerate("aab")),
+    )
+
+    def pending() -> list[bool]:
+        with database() as uow:
+            return [uow.jobs.is_pending(key) for key in "abc"]
+
+    assert pending() == [True, True, False]
+    write(database, lambda uow: uow.jobs.claim(limit=9, now=LATER))
+    write(
+        database, lambda uow: uow.jobs.finish("job_2", DONE, LATER), lambda uow: uow.jobs.finish("job_0", FAILED, LATER)
+    )
+    assert pending() == [True, False, False]
+    write(database, lambda uow: uow.jobs.finish("job_1", CANCELLED, LATER))
+    assert pending() == [False, False, False]
 
 
 def test_samples_of_all_done_segments_come_oldest_first(database: Database) -> None:
     write(database, add_session, *(lambda uow, seq=seq: add_segment(uow, seq) for seq in range(2)))
-    new = replace(new_segment(2), wifi=scans())
+    new = new_segment(2, aids=Aids(wifi=scans()))
     write(database, lambda uow: uow.jobs.add(queued_job("job_2", seq=2)))
     write(database, lambda uow: uow.sessions.add_segment("ses_1", new, "job_2", LATER))
     write(database, *(lambda uow, seq=seq: add_segment(uow, seq) for seq in (3, 4)))
@@ -440,7 +536,7 @@ def test_samples_of_all_done_segments_come_oldest_first(database: Database) -> N
         starts = [new_segment(seq).samples.t[0] for seq in (0, 2, 3)]
         assert [segment.samples.t[0] for segment in loaded] == starts
         np.testing.assert_array_equal(loaded[1].samples.mag, new.samples.mag)
-        assert [segment.wifi is None for segment in loaded] == [True, False, True]
+        assert [segment.aids.wifi is None for segment in loaded] == [True, False, True]
         assert [segment.samples.t[0] for segment in uow.sessions.load_segments("ses_1", 2)] == starts[:2]
         assert list(uow.sessions.load_segments("ses_2", 9)) == []
 

@@ -16,19 +16,24 @@ from typing import TypeVar
 import numpy as np
 
 from app.engine.types import (
+    DeviceCalibration,
     FeatureSet,
     Fix,
     GridMap,
     ImuSamples,
     MapBuild,
+    PressureReadings,
     Progress,
     RadioMap,
     RadioScans,
+    SpeedReadings,
     Status,
+    StepCounts,
     TrackerState,
     WalkReport,
     Waypoints,
 )
+from app.services.aids import NO_AIDS, Aids, GnssReadings
 from app.services.container import Services, build_services
 from app.services.errors import InvalidError
 from app.services.ports import WorkerLostError
@@ -124,10 +129,40 @@ def scans(n: int = 6, *, t0: float = T0) -> RadioScans:
     return RadioScans(t=t0 + np.linspace(0.0, 1.5, n), address=address, rssi=np.linspace(-40.0, -60.0, n))
 
 
-def new_segment(seq: int = 0, *, n: int = 250, seed: int | None = None, wifi: RadioScans | None = None) -> NewSegment:
+def all_aids(*, t0: float = T0) -> Aids:
+    """Every aid that may come with samples that begin at ``t0``: values as the API takes them."""
+    t = t0 + np.array([0.25, 1.5, 4.125])
+    wide = {name: getattr(scans(t0=t0), name) for name in ("t", "address", "rssi")}
+    return Aids(
+        wifi=RadioScans(**wide),
+        ble=RadioScans(
+            t, ("c0:ff:ee:00:00:01", "fda50693-10-7", "c0:ff:ee:00:00:01"), np.array([-70.5, -80.0, -71.25])
+        ),
+        gnss=GnssReadings(
+            t,
+            np.array([48.1507123456, 48.1508, 48.15091]),
+            np.array([11.5691, 11.5692, 11.56930001]),
+            _f32(4.1, 12.7, 8.0),
+        ),
+        pressure=PressureReadings(t, _f32(953.21, 953.19, 953.3)),
+        speed=SpeedReadings(t, _f32(1.31, -0.2, 0.0)),
+        steps=StepCounts(t, np.array([5120.0, 5120.0, 5126.0])),
+    )
+
+
+def _f32(*values: float) -> np.ndarray:
+    return np.array(values, dtype=np.float32).astype(np.float64)
+
+
+def calibration(offset: float = 3.0, sd: float = 1.5, stride: float = 1.05) -> DeviceCalibration:
+    """What a session might have learned."""
+    return DeviceCalibration((offset, -offset, offset / 2), (sd, sd, 2 * sd), stride, 0.05)
+
+
+def new_segment(seq: int = 0, *, n: int = 250, seed: int | None = None, aids: Aids = NO_AIDS) -> NewSegment:
     """Segment ``seq`` of a walk in 5-s segments; another seed gives other content."""
     chunk = samples(n, t0=T0 + seq * SEGMENT_S, seed=seq if seed is None else seed)
-    return NewSegment(seq, chunk, hash_of(chunk), wifi)
+    return NewSegment(seq, chunk, hash_of(chunk), aids)
 
 
 def hash_of(chunk: ImuSamples) -> str:
@@ -224,13 +259,18 @@ def fix(t: float = T0, *, level_id: str = "lvl", x: float = 1.0, y: float = 2.0)
 
 
 def locate_result(
-    seq: int = 0, *, n_fixes: int = 3, level_id: str = "lvl", payload: bytes | None = None
+    seq: int = 0,
+    *,
+    n_fixes: int = 3,
+    level_id: str = "lvl",
+    payload: bytes | None = None,
+    learned: DeviceCalibration | None = None,
 ) -> LocateResult:
     """What a worker might answer to segment ``seq``."""
     t0 = T0 + seq * SEGMENT_S
     fixes = tuple(fix(t0 + i, level_id=level_id, x=seq + i / 10) for i in range(n_fixes))
     state = TrackerState("particle", b"after %d" % seq if payload is None else payload, t0 + SEGMENT_S)
-    return LocateResult(state, fixes, cpu_s=0.01)
+    return LocateResult(state, fixes, cpu_s=0.01, calibration=learned)
 
 
 def queued_job(id_: str = "job_1", *, key: str = "ses_1", kind: JobKind = JobKind.LOCATE_SEGMENT, seq: int = 0) -> Job:

@@ -9,7 +9,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from app.engine.errors import InputError
-from app.services.errors import NotFoundError, StorageError
+from app.services.errors import InvalidError, NotFoundError, StorageError
 from app.services.ports import Executor, WorkerLostError
 from app.services.records import Job, JobKind, JobState
 from app.telemetry import Metrics
@@ -128,7 +128,14 @@ def test_an_unexpected_error_of_a_task_fails_the_job_without_its_text(
     assert "secret detail" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize("error", [NotFoundError("session", "ses_1"), InputError("state", "of another version")])
+@pytest.mark.parametrize(
+    "error",
+    [
+        NotFoundError("session", "ses_1"),
+        InputError("state", "of another version"),
+        InvalidError("gnss", "cannot be used", "set the anchor"),
+    ],
+)
 def test_a_job_that_cannot_be_prepared_fails_with_the_reason(
     bench: Bench, error: Exception, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -1,22 +1,27 @@
 """The tasks on the real engine, with a small simulated level."""
 
 import pickle
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from app.engine.errors import InputError, MapError
+from app.engine.geodesy import TangentPlane
+from app.engine.localization.registry import create_tracker
 from app.engine.mapping import build_map
-from app.engine.types import GridMap, ImuSamples, MapBuildSettings, Prior, Segment
+from app.engine.types import DeviceCalibration, GridMap, ImuSamples, MapBuildSettings, Prior, Segment
+from app.services.aids import Recording
 from app.services.tasks import BuildSpec, LocateSpec, MapRef, SmoothSpec
 from app.storage.map_cache import open_map
 from app.workers.bootstrap import warm_up
 from app.workers.processes import ProcessExecutor
 from app.workers.tasks import LocateSegment, OpenMaps, SmoothSession, SpecMaps, build_level_map
 from tests.e2e.synthetic import EXTENT, survey_walks, trip
+from tests.support.builders import all_aids, samples
 from tests.workers.conftest import type_makes
+from tests.workers.sample_tasks import echo
 
 LEVEL = "lvl_1"
 
@@ -70,6 +75,29 @@ def test_segments_in_turn_follow_the_walk(grid_map: GridMap) -> None:
             errors.append(np.hypot(fix.x - walk.x[at], fix.y - walk.y[at]))
     assert len(errors) > 20
     assert np.median(errors) < 1.0
+
+
+def test_what_was_learned_comes_with_the_result(grid_map: GridMap) -> None:
+    """Not while the place is unknown; once it is, what the tracker says of the very state that is handed back."""
+    task = LocateSegment(Shelf({ref(0).path: grid_map}, []).open)
+    first, *rest = specs(n=6)
+    cold = task(replace(first, prior=Prior(LEVEL)), no_progress)
+    assert cold.calibration is None
+    state = None
+    for spec in (first, *rest):
+        result = task(replace(spec, state=state), no_progress)
+        state = result.state
+    assert result.calibration is not None
+    assert result.calibration == create_tracker("particle").learned(state)
+    assert result.calibration.stride_scale == pytest.approx(1.0, abs=0.3)
+
+
+def test_what_is_known_of_the_device_starts_the_session(grid_map: GridMap) -> None:
+    task = LocateSegment(Shelf({ref(0).path: grid_map}, []).open)
+    (spec,) = specs(n=1)
+    known = DeviceCalibration((9.0, 0.0, 0.0), (2.0, 2.0, 2.0), 1.2, 0.04)
+    told = replace(spec, prior=replace(spec.prior, calibration=known))
+    assert task(told, no_progress).state != task(spec, no_progress).state
 
 
 def test_the_same_spec_gives_the_same_result(grid_map: GridMap) -> None:
@@ -126,6 +154,19 @@ def test_a_worker_process_gives_the_same_fixes_as_this_one(
     whole = replace(smooth_spec(), maps=spec.maps)
     smoothed = pool.submit(SmoothSession(read_pickled_map), whole, affinity="hash-of-file").result(120)
     assert smoothed.fixes == SmoothSession(read_pickled_map)(whole, no_progress).fixes
+
+
+def test_aids_reach_a_worker_process_to_the_bit(make_processes: type_makes) -> None:
+    sent = Recording(samples(), all_aids()).segment(TangentPlane(48.1507, 11.5691, 12.5))
+    spec = replace(specs(n=1)[0], segment=sent)
+    pool: ProcessExecutor = make_processes(1)
+    there = pool.submit(echo, spec).result(120)
+    for aid in ("wifi", "ble", "gnss", "pressure", "speed", "steps"):
+        given, taken = getattr(sent, aid), getattr(there.segment, aid)
+        assert type(given) is type(taken)
+        for column in fields(given):
+            a, b = getattr(given, column.name), getattr(taken, column.name)
+            assert a == b if isinstance(a, tuple) else a.tobytes() == b.tobytes(), (aid, column.name)
 
 
 def read_pickled_map(path: Path) -> GridMap:

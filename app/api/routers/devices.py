@@ -11,7 +11,7 @@ from app.api.idempotency import IDEMPOTENCY_PARAMETER, CreationDep
 from app.api.pagination import PagingDep, link_next
 from app.api.responses import OBJECT, guarded
 from app.api.routing import api_router
-from app.api.schemas.devices import DeviceIn, DeviceOut, DevicePage
+from app.api.schemas.devices import DeviceDetailOut, DeviceIn, DeviceOut, DevicePage
 from app.services.records import Scope
 
 router = api_router("devices")
@@ -48,6 +48,21 @@ def list_devices(services: ServicesDep, paging: PagingDep, request: Request, res
     dependencies=[needs(Scope.LOCATE)],
     responses=guarded(errors.NOT_FOUND),
 )
-def get_device(device_id: str, services: ServicesDep) -> DeviceOut:
-    """One device."""
-    return DeviceOut.of(services.devices.get(device_id))
+def get_device(device_id: str, services: ServicesDep) -> DeviceDetailOut:
+    """One device, with what its closed sessions taught about its magnetometer and its carrier's stride."""
+    return DeviceDetailOut.with_memories(services.devices.get(device_id), services.devices.memories(device_id))
+
+
+@router.delete(
+    "/v1/devices/{device_id}/calibrations",
+    status_code=204,
+    summary="Forget a device's calibrations",
+    dependencies=[needs(Scope.LOCATE)],
+    responses=guarded(errors.NOT_FOUND),
+)
+def forget_calibrations(device_id: str, services: ServicesDep) -> None:
+    """Forget what sessions taught: the next session starts as with a new device.
+
+    Sessions that are open keep what they started with; what they find out beyond it is remembered when they close.
+    """
+    services.devices.forget(device_id)

@@ -11,6 +11,7 @@ import orjson
 from fastapi import Request, Response
 
 from app.api import errors
+from app.api.aids import checked_aids
 from app.api.auth import needs
 from app.api.body import SEGMENT_BYTES, UPLOAD_TYPES, media_type, read_body, require_media_type
 from app.api.deps import ContextDep
@@ -19,7 +20,8 @@ from app.api.responses import OBJECT, guarded, upload
 from app.api.routing import api_router
 from app.api.schemas.locate import LOCATE_EXAMPLE, LocateIn, LocateOut, located_object
 from app.api.uploads import LARGE_BYTES, checked_samples, parse
-from app.engine.types import ImuSamples, RadioScans
+from app.engine.types import ImuSamples
+from app.services.aids import Aids
 from app.services.container import Services
 from app.services.records import Scope
 
@@ -32,7 +34,7 @@ class _Query:
 
     request: LocateIn
     samples: ImuSamples
-    wifi: RadioScans | None
+    aids: Aids
 
 
 @router.post(
@@ -60,7 +62,8 @@ async def locate(request: Request, context: ContextDep) -> Response:
 
 def _read(body: bytes, kind: str, now: datetime) -> _Query:
     request = parse(body, kind, LocateIn)
-    return _Query(request, *checked_samples(request.samples, request.wifi, request.frame, SEGMENT_LIMITS, now))
+    samples = checked_samples(request.samples, request.frame, SEGMENT_LIMITS, now)
+    return _Query(request, samples, checked_aids(request, request.samples.t_ms))
 
 
 def _locate(services: Services, query: _Query) -> bytes:
@@ -72,7 +75,7 @@ def _locate(services: Services, query: _Query) -> bytes:
         request.prior.prior() if request.prior else None,
         query.samples,
         venue_id=request.venue_id,
-        wifi=query.wifi,
+        aids=query.aids,
         map_id=request.map_id,
     )
     return orjson.dumps(located_object(located))

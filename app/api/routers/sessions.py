@@ -42,6 +42,7 @@ def create_session(body: SessionIn, services: ServicesDep, creation: CreationDep
             venue_id=body.venue_id,
             device_id=body.device_id,
             map_id=body.map_id,
+            calibration_epoch=body.calibration_epoch,
         ),
         services.sessions.get,
     )
@@ -89,5 +90,8 @@ def get_session(session_id: str, services: ServicesDep) -> SessionOut:
     responses=guarded(errors.NOT_FOUND),
 )
 def close_session(session_id: str, services: ServicesDep) -> SessionOut:
-    """Take no more segments; those accepted are still processed. Closing again changes nothing."""
+    """Take no more segments; those accepted are still processed. Closing again changes nothing.
+
+    What the session learned about its device starts the device's next one.
+    """
     return SessionOut.of(services.sessions.close(session_id))

@@ -7,10 +7,11 @@ from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, PlainSerializer, WithJsonSchema
 
-from app.api.validation import ID_PATTERN, NAME_PATTERN
+from app.api.validation import ID_PATTERN, LINE_PATTERN, NAME_PATTERN
 
 Name = Annotated[str, Field(min_length=1, max_length=200, pattern=NAME_PATTERN)]
 IdRef = Annotated[str, Field(min_length=1, max_length=64, pattern=ID_PATTERN)]
+Epoch = Annotated[str, Field(max_length=64, pattern=LINE_PATTERN)]
 Number = Annotated[float, Field(strict=True)]
 Metres = Annotated[float, Field(strict=True, ge=-1e6, le=1e6)]
 Integer = Annotated[int, Field(strict=True)]

@@ -2,13 +2,77 @@
 
 from __future__ import annotations
 
-from typing import Self
+from collections.abc import Sequence
+from typing import Annotated, Any, Self
+
+from pydantic import Field
 
 from app.api.schemas.base import In, Name, Out, PageOut, Time, example
+from app.engine.types import DeviceCalibration
 from app.services import records
 
 DEVICE_ID = "dev_019ab2c4d1e07f3a9b2c4d5e6f"
 _DEVICE = {"id": DEVICE_ID, "name": "Ada's phone", "model": "OPPO PBCM10", "created_at": "2026-11-22T09:30:00.000Z"}
+CALIBRATION_EXAMPLE: dict[str, Any] = {
+    "offset": [4.1, -7.6, 2.2],
+    "offset_sd": [2.83, 2.83, 2.83],
+    "stride_scale": 1.04,
+    "stride_scale_sd": 0.045,
+}
+_MEMORY = {
+    "epoch": "bias-5f2c",
+    **CALIBRATION_EXAMPLE,
+    "offset_sd": [2.0, 2.0, 2.0],
+    "stride_scale_sd": 0.04,
+    "n_sessions": 3,
+    "updated_at": "2026-11-22T09:42:10.000Z",
+}
+_AXES = Field(min_length=3, max_length=3, description="Forward, left, up of the levelled device, uT.")
+
+
+class CalibrationOut(Out):
+    """What is known about a device and its carrier, with standard deviations."""
+
+    model_config = example(CALIBRATION_EXAMPLE)
+
+    offset: Annotated[list[float], _AXES]
+    offset_sd: Annotated[list[float], _AXES]
+    stride_scale: Annotated[float, Field(description="Stride of the carrier over that of the stride model.")]
+    stride_scale_sd: float
+
+    @classmethod
+    def of(cls, known: DeviceCalibration) -> Self:
+        """Show a calibration."""
+        return cls(**_calibration(known))
+
+
+class DeviceCalibrationOut(CalibrationOut):
+    """What sessions taught about a device, in one epoch of its magnetometer."""
+
+    model_config = example(_MEMORY)
+
+    epoch: Annotated[str, Field(description="The sessions' `calibration_epoch`.")]
+    n_sessions: Annotated[int, Field(description="Closed sessions that taught something.")]
+    updated_at: Time
+
+    @classmethod
+    def of_memory(cls, memory: records.DeviceMemory) -> Self:
+        """Show what is remembered."""
+        return cls(
+            **_calibration(memory.calibration),
+            epoch=memory.epoch,
+            n_sessions=memory.n_sessions,
+            updated_at=memory.updated_at,
+        )
+
+
+def _calibration(known: DeviceCalibration) -> dict[str, Any]:
+    return {
+        "offset": list(known.offset),
+        "offset_sd": list(known.offset_sd),
+        "stride_scale": known.stride_scale,
+        "stride_scale_sd": known.stride_scale_sd,
+    }
 
 
 class DeviceIn(In):
@@ -34,6 +98,20 @@ class DeviceOut(Out):
     def of(cls, device: records.Device) -> Self:
         """Show a device."""
         return cls(id=device.id, name=device.name, model=device.model, created_at=device.created_at)
+
+
+class DeviceDetailOut(DeviceOut):
+    """A device with what its sessions taught about it."""
+
+    model_config = example({**_DEVICE, "calibrations": [_MEMORY]})
+
+    calibrations: Annotated[list[DeviceCalibrationOut], Field(description="Per epoch, the one used last first.")]
+
+    @classmethod
+    def with_memories(cls, device: records.Device, memories: Sequence[records.DeviceMemory]) -> Self:
+        """Show a device and what is remembered of it."""
+        calibrations = [DeviceCalibrationOut.of_memory(memory) for memory in memories]
+        return cls(**DeviceOut.of(device).model_dump(), calibrations=calibrations)
 
 
 class DevicePage(PageOut):

@@ -6,13 +6,14 @@ from typing import Annotated, Any
 
 from pydantic import ConfigDict, Field
 
+from app.api.schemas.aids import AidsIn
 from app.api.schemas.base import Out, example
 from app.api.schemas.fixes import FIXES_EXAMPLE, POSITION_EXAMPLE, FixesOut, PositionOut, fix_columns, position_object
 from app.api.schemas.levels import LEVEL_ID
 from app.api.schemas.maps import MAP_ID
 from app.api.schemas.methods import MethodName
 from app.api.schemas.places import LevelOfTrip, MapIdOut, MapOfTrip, MapsOut, VenueOfTrip, maps_object
-from app.api.schemas.samples import SAMPLES_EXAMPLE, ColumnsIn, Frame, SamplesIn, WifiIn
+from app.api.schemas.samples import SAMPLES_EXAMPLE, Frame, SamplesIn
 from app.api.schemas.sessions import PRIOR_EXAMPLE, Parameters, PriorIn
 from app.engine.localization.registry import DEFAULT_METHOD
 from app.services.records import Located
@@ -20,7 +21,7 @@ from app.services.records import Located
 LOCATE_EXAMPLE: dict[str, Any] = {"level_id": LEVEL_ID, "prior": PRIOR_EXAMPLE, "samples": SAMPLES_EXAMPLE}
 
 
-class LocateIn(ColumnsIn):
+class LocateIn(AidsIn):
     """Samples to locate at once, without a session."""
 
     model_config = ConfigDict(json_schema_extra={"examples": [LOCATE_EXAMPLE]})
@@ -33,7 +34,6 @@ class LocateIn(ColumnsIn):
     map_id: MapOfTrip = None
     frame: Frame = Frame.ANDROID
     samples: SamplesIn
-    wifi: WifiIn | None = None
 
 
 class LocateOut(Out):

@@ -8,8 +8,8 @@ from typing import Annotated, Any, Self
 from pydantic import Field, PlainValidator, WithJsonSchema, model_validator
 from pydantic_core import PydanticCustomError
 
-from app.api.schemas.base import IdRef, In, Metres, Number, Out, PageOut, Time, example
-from app.api.schemas.devices import DEVICE_ID
+from app.api.schemas.base import Epoch, IdRef, In, Metres, Number, Out, PageOut, Time, example
+from app.api.schemas.devices import CALIBRATION_EXAMPLE, DEVICE_ID, CalibrationOut
 from app.api.schemas.levels import LEVEL_ID
 from app.api.schemas.maps import MAP_ID
 from app.api.schemas.methods import MethodName
@@ -36,6 +36,8 @@ _SESSION = {
     "next_seq": 4,
     "created_at": "2026-11-22T09:30:00.000Z",
     "closed_at": None,
+    "calibration_epoch": "bias-5f2c",
+    "calibration": CALIBRATION_EXAMPLE,
 }
 _DEFAULTS = Prior(level_id="")
 
@@ -118,7 +120,14 @@ class PriorOut(Out):
 class SessionIn(In):
     """A session to open."""
 
-    model_config = example({"level_id": LEVEL_ID, "prior": PRIOR_EXAMPLE, "device_id": DEVICE_ID})
+    model_config = example(
+        {
+            "level_id": LEVEL_ID,
+            "prior": PRIOR_EXAMPLE,
+            "device_id": DEVICE_ID,
+            "calibration_epoch": "bias-5f2c",
+        }
+    )
 
     level_id: LevelOfTrip = None
     venue_id: VenueOfTrip = None
@@ -127,6 +136,15 @@ class SessionIn(In):
     prior: PriorIn | None = None
     device_id: IdRef | None = None
     map_id: MapOfTrip = None
+    calibration_epoch: Annotated[
+        Epoch,
+        Field(
+            description=(
+                "Any text that changes when the device's platform recalibrates its magnetometer, such as a hash of the "
+                "hard-iron bias it reports. Needs `device_id`."
+            )
+        ),
+    ] = ""
 
 
 class SessionOut(Out):
@@ -147,6 +165,11 @@ class SessionOut(Out):
     next_seq: Annotated[int, Field(description="Number of the segment that is expected next.")]
     created_at: Time
     closed_at: Time | None
+    calibration_epoch: str
+    calibration: Annotated[
+        CalibrationOut | None,
+        Field(description="What earlier sessions taught about the device, used as this one began; null: nothing."),
+    ]
 
     @classmethod
     def of(cls, session: records.Session) -> Self:
@@ -164,6 +187,8 @@ class SessionOut(Out):
             next_seq=session.next_seq,
             created_at=session.created_at,
             closed_at=session.closed_at,
+            calibration_epoch=session.calibration_epoch,
+            calibration=session.prior.calibration and CalibrationOut.of(session.prior.calibration),
         )
 
 

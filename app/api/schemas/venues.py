@@ -51,7 +51,9 @@ class VenueIn(In):
 
     name: Name
     kind: VenueKind = VenueKind.INDOOR
-    anchor: Annotated[AnchorIn | None, Field(description="Needed for positions in WGS 84 only.")] = None
+    anchor: Annotated[
+        AnchorIn | None, Field(description="Needed for positions in WGS 84, and for segments with `gnss`.")
+    ] = None
 
 
 class VenuePatch(In):

@@ -64,15 +64,17 @@ def prior_values(prior: Prior) -> dict[str, Any]:
 def prior_from(values: Mapping[str, Any]) -> Prior:
     """Inverse of :func:`prior_values`; also of its JSON, where tuples come back as lists."""
     known = values.get("calibration")
-    if known is None:
-        return Prior(**values)
-    calibration = DeviceCalibration(
-        offset=tuple(known["offset"]),
-        offset_sd=tuple(known["offset_sd"]),
-        stride_scale=known["stride_scale"],
-        stride_scale_sd=known["stride_scale_sd"],
+    return Prior(**{**values, "calibration": None if known is None else calibration_from(known)})
+
+
+def calibration_from(values: Mapping[str, Any]) -> DeviceCalibration:
+    """A device's calibration from its plain values, or their JSON, where tuples come back as lists."""
+    return DeviceCalibration(
+        offset=tuple(values["offset"]),
+        offset_sd=tuple(values["offset_sd"]),
+        stride_scale=values["stride_scale"],
+        stride_scale_sd=values["stride_scale_sd"],
     )
-    return Prior(**{**values, "calibration": calibration})
 
 
 def _encode(value: object) -> dict[str, Any]:

@@ -15,6 +15,11 @@ from app.storage.repositories.base import Repository
 _GET = select(jobs).where(jobs.c.id == bindparam("job"))
 _INSERT = insert(jobs)
 _COUNT = select(func.count()).where(jobs.c.state.in_(bindparam("states", expanding=True)))
+_PENDING = (
+    select(jobs.c.number)
+    .where(jobs.c.state.in_([JobState.QUEUED.value, JobState.RUNNING.value]), jobs.c.order_key == bindparam("key"))
+    .limit(1)
+)
 _BUSY = select(jobs.c.order_key).where(jobs.c.state == JobState.RUNNING.value)
 # oldest queued job of each key that has none running; this reads the index only
 _CLAIMABLE = (
@@ -124,6 +129,10 @@ class SqlJobRepository(Repository):
     def count(self, *states: JobState) -> int:
         """How many jobs are in these states."""
         return int(self._read(_COUNT, {"states": states}).scalar_one())
+
+    def is_pending(self, order_key: str) -> bool:
+        """Whether a job of this key is queued or running."""
+        return self._read(_PENDING, {"key": order_key}).first() is not None
 
 
 def _of_attempt(statement: Update, attempts: int | None) -> Update:

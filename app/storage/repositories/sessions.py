@@ -12,11 +12,12 @@ from typing import Any
 
 from sqlalchemy import BindParameter, Row, bindparam, func, insert, select, update
 
-from app.engine.localization.codec import prior_from
-from app.engine.types import Fix, Hypothesis, Segment, Status, TrackerState
+from app.engine.localization.codec import calibration_from, prior_from
+from app.engine.types import DeviceCalibration, Fix, Hypothesis, Status, TrackerState
+from app.services.aids import Recording
 from app.services.errors import SequenceGapError
 from app.services.records import JobState, LevelMap, NewSegment, Page, Position, SegmentInfo, Session, SessionStatus
-from app.storage.columns import decode_samples, decode_scans, encode_samples, encode_scans
+from app.storage.columns import AID_COLUMNS, decode_aids, decode_samples, encode_aids, encode_samples
 from app.storage.models import fixes, jobs, segment_samples, segments, sessions, tracker_states
 from app.storage.repositories.base import Repository, expect_one, page
 
@@ -38,12 +39,12 @@ _GET_SEGMENT = _SEGMENTS.where(*_SEGMENT_KEY)
 _LAST_SEGMENT = _SEGMENTS.where(segments.c.session_id == _ID).order_by(segments.c.seq.desc()).limit(1)
 _INSERT_SEGMENT = insert(segments)
 _INSERT_SAMPLES = insert(segment_samples)
-_LOAD_SEGMENT = select(segment_samples.c.samples, segment_samples.c.wifi).where(
-    segment_samples.c.session_id == _ID, segment_samples.c.seq == _SEQ
-)
+_SAMPLES = select(segment_samples.c.samples, *(segment_samples.c[name] for name in AID_COLUMNS))
+_LOAD_SEGMENT = _SAMPLES.where(segment_samples.c.session_id == _ID, segment_samples.c.seq == _SEQ)
 _LOAD_DONE_SEGMENTS = (
-    select(segment_samples.c.samples, segment_samples.c.wifi)
-    .join(segments, (segments.c.session_id == segment_samples.c.session_id) & (segments.c.seq == segment_samples.c.seq))
+    _SAMPLES.join(
+        segments, (segments.c.session_id == segment_samples.c.session_id) & (segments.c.seq == segment_samples.c.seq)
+    )
     .join(jobs, jobs.c.id == segments.c.job_id)
     .where(segment_samples.c.session_id == _ID, jobs.c.state == JobState.DONE.value)
     .order_by(segment_samples.c.seq)
@@ -55,8 +56,21 @@ _UPDATE_STATE = (
     .where(tracker_states.c.session_id == _ID)
     .values(method=bindparam("new_method"), payload=bindparam("new_payload"), last_t=bindparam("new_last_t"))
 )
+_UPDATE_STATE_AND_CALIBRATION = _UPDATE_STATE.values(calibration=bindparam("new_calibration"))
 _INSERT_STATE = insert(tracker_states)
-_LAST_NUMBER = select(func.max(fixes.c.number)).where(fixes.c.session_id == _ID)
+_GET_CALIBRATION = select(tracker_states.c.calibration).where(tracker_states.c.session_id == _ID)
+_MARK_REMEMBERED = (
+    update(sessions).where(sessions.c.id == _ID, sessions.c.remembered_at.is_(None)).values(remembered_at=_NOW)
+)
+# locked, so that of closing a session and finishing its last segment one comes second and sees both
+_LAST_NUMBER = (
+    select(
+        sessions.c.status,
+        select(func.max(fixes.c.number)).where(fixes.c.session_id == _ID).scalar_subquery().label("number"),
+    )
+    .where(sessions.c.id == _ID)
+    .with_for_update(of=sessions)
+)
 _INSERT_FIXES = insert(fixes)
 _MARK_PROCESSED = (
     update(segments)
@@ -86,6 +100,7 @@ class SqlSessionRepository(Repository):
                 "next_seq": session.next_seq,
                 "created_at": session.created_at,
                 "closed_at": session.closed_at,
+                "calibration_epoch": session.calibration_epoch,
             },
         )
 
@@ -139,8 +154,8 @@ class SqlSessionRepository(Repository):
                 "received_at": now,
             },
         )
-        wifi = None if segment.wifi is None else encode_scans(segment.wifi)
-        self._write(_INSERT_SAMPLES, {**key, "samples": encode_samples(segment.samples), "wifi": wifi})
+        samples = encode_samples(segment.samples)
+        self._write(_INSERT_SAMPLES, {**key, "samples": samples, **encode_aids(segment.aids)})
 
     def get_segment(self, session_id: str, seq: int) -> SegmentInfo:
         """One segment, without its samples."""
@@ -160,35 +175,55 @@ class SqlSessionRepository(Repository):
         row = self._read(_LAST_SEGMENT, {"session": session_id}).one_or_none()
         return None if row is None else _segment(row)
 
-    def load_segment(self, session_id: str, seq: int) -> Segment:
+    def load_segment(self, session_id: str, seq: int) -> Recording:
         """Samples of a segment."""
         row = self._one("segment", f"{session_id}/{seq}", _LOAD_SEGMENT, {"session": session_id, "number": seq})
-        return _samples(row)
+        return _recording(row)
 
-    def load_segments(self, session_id: str, limit: int) -> Sequence[Segment]:
+    def load_segments(self, session_id: str, limit: int) -> Sequence[Recording]:
         """Samples of the first ``limit`` segments whose job is done, oldest first."""
         rows = self._read(_LOAD_DONE_SEGMENTS, {"session": session_id, "count": limit})
-        return tuple(_samples(row) for row in rows)
+        return tuple(_recording(row) for row in rows)
 
     def state(self, session_id: str) -> TrackerState | None:
         """Tracker state after the last processed segment; None before the first."""
         row = self._read(_GET_STATE, {"session": session_id}).one_or_none()
         return None if row is None else TrackerState(row.method, row.payload, row.last_t)
 
+    def learned(self, session_id: str) -> DeviceCalibration | None:
+        """What the session learned last about its device."""
+        values = self._read(_GET_CALIBRATION, {"session": session_id}).scalar()
+        return None if values is None else calibration_from(values)
+
+    def mark_remembered(self, session_id: str, now: datetime) -> bool:
+        """Note that what the session learned is in its device's memory; False if that was noted before."""
+        return self._write(_MARK_REMEMBERED, {"session": session_id, "now": now}).rowcount > 0
+
     def record_result(
-        self, session_id: str, seq: int, state: TrackerState, fixes: Sequence[Fix], now: datetime
-    ) -> None:
-        """Store new state and fixes, and mark the segment processed."""
-        last = self._read(_LAST_NUMBER, {"session": session_id}).scalar()
-        first = 0 if last is None else last + 1
+        self,
+        session_id: str,
+        seq: int,
+        state: TrackerState,
+        fixes: Sequence[Fix],
+        now: datetime,
+        *,
+        calibration: DeviceCalibration | None = None,
+    ) -> SessionStatus:
+        """Store new state, fixes and calibration (None: it stays), and mark the segment processed.
+
+        Returns whether the session is open still; until the transaction ends nobody else changes that.
+        """
+        row = self._one("session", session_id, _LAST_NUMBER, {"session": session_id})
+        first = 0 if row.number is None else row.number + 1
         if fixes:
             self._write(_INSERT_FIXES, [_columns(session_id, first + i, seq, fix) for i, fix in enumerate(fixes)])
-        self._set_state(session_id, state)
+        self._set_state(session_id, state, calibration)
         marked = self._write(
             _MARK_PROCESSED,
             {"session": session_id, "number": seq, "now": now, "first": first, "count": len(fixes)},
         )
         expect_one(marked, "segment", f"{session_id}/{seq}")
+        return SessionStatus(row.status)
 
     def record_failure(self, session_id: str, seq: int, error: str, now: datetime) -> None:
         """Mark the segment as one that gave no fixes; the state stays as it was."""
@@ -210,10 +245,13 @@ class SqlSessionRepository(Repository):
         row = self._one("segment", f"{session_id}/{seq}", _GET_SEGMENT, {"session": session_id, "number": seq})
         return (0, 0) if row.first_fix is None else (row.first_fix, row.first_fix + row.n_fixes)
 
-    def _set_state(self, session_id: str, state: TrackerState) -> None:
-        new = {"new_method": state.method, "new_payload": state.payload, "new_last_t": state.last_t}
-        if not self._write(_UPDATE_STATE, {"session": session_id, **new}).rowcount:
-            values = {"method": state.method, "payload": state.payload, "last_t": state.last_t}
+    def _set_state(self, session_id: str, state: TrackerState, calibration: DeviceCalibration | None) -> None:
+        values: dict[str, Any] = {"method": state.method, "payload": state.payload, "last_t": state.last_t}
+        if calibration is not None:
+            values["calibration"] = asdict(calibration)
+        new = {f"new_{name}": value for name, value in values.items()}
+        statement = _UPDATE_STATE if calibration is None else _UPDATE_STATE_AND_CALIBRATION
+        if not self._write(statement, {"session": session_id, **new}).rowcount:
             self._write(_INSERT_STATE, {"session_id": session_id, **values})
 
 
@@ -231,6 +269,7 @@ def _session(row: Row[Any]) -> Session:
         next_seq=row.next_seq,
         created_at=row.created_at,
         closed_at=row.closed_at,
+        calibration_epoch=row.calibration_epoch,
     )
 
 
@@ -250,8 +289,8 @@ def _segment(row: Row[Any]) -> SegmentInfo:
     )
 
 
-def _samples(row: Row[Any]) -> Segment:
-    return Segment(decode_samples(row.samples), None if row.wifi is None else decode_scans(row.wifi))
+def _recording(row: Row[Any]) -> Recording:
+    return Recording(decode_samples(row.samples), decode_aids(row._asdict()))
 
 
 def _columns(session_id: str, number: int, seq: int, fix: Fix) -> dict[str, Any]:

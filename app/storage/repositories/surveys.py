@@ -66,6 +66,7 @@ class SqlSurveyRepository(Repository):
                 samples=encode_samples(data.samples),
                 waypoints=encode_waypoints(data.waypoints),
                 wifi=None if data.wifi is None else encode_scans(data.wifi),
+                ble=None if data.ble is None else encode_scans(data.ble),
             )
         )
 
@@ -98,14 +99,17 @@ class SqlSurveyRepository(Repository):
 
     def load_walks(self, level_id: str, survey_ids: Sequence[str]) -> Sequence[SurveyWalk]:
         """Samples of all walks of the level (of these surveys only, when any are named), oldest first."""
-        wanted = select(walks.c.id, walk_samples.c.samples, walk_samples.c.waypoints, walk_samples.c.wifi)
-        statement = _of_level(wanted, level_id, survey_ids).join(walk_samples, walk_samples.c.walk_id == walks.c.id)
+        columns = (walk_samples.c[name] for name in ("samples", "waypoints", "wifi", "ble"))
+        statement = _of_level(select(walks.c.id, *columns), level_id, survey_ids).join(
+            walk_samples, walk_samples.c.walk_id == walks.c.id
+        )
         return [
             SurveyWalk(
                 walk_id=row.id,
                 samples=decode_samples(row.samples),
                 waypoints=decode_waypoints(row.waypoints),
                 wifi=None if row.wifi is None else decode_scans(row.wifi),
+                ble=None if row.ble is None else decode_scans(row.ble),
             )
             for row in self._read(statement.order_by(walks.c.id))
         ]

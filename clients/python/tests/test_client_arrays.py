@@ -7,7 +7,7 @@ import pytest
 from conftest import FIXES, make_samples
 from hypothesis import given
 from hypothesis import strategies as st
-from isodyn_client import Fixes, Samples, Waypoints, WifiScans
+from isodyn_client import Aids, BleScans, Fixes, GnssFixes, Samples, Waypoints, WifiScans
 from isodyn_client.fixes import FixColumns
 
 
@@ -38,6 +38,17 @@ def test_waypoints_and_wifi_check_their_lengths() -> None:
         Waypoints(np.arange(2.0), np.arange(2.0), np.arange(3.0))
     with pytest.raises(ValueError, match="bssid"):
         WifiScans(np.arange(2.0), ["a"], np.arange(2.0))
+    with pytest.raises(ValueError, match="address"):
+        BleScans(np.arange(2.0), ["a", "b", "c"], np.arange(2.0))
+    with pytest.raises(ValueError, match="accuracy_m needs shape"):
+        GnssFixes(np.arange(2.0), np.arange(2.0), np.arange(2.0), np.arange(1.0))
+
+
+def test_aids_without_rows_are_not_sent() -> None:
+    nothing = WifiScans([], [], [])  # type: ignore[arg-type]
+    assert Aids(wifi=nothing).names == ()
+    assert Aids(wifi=nothing).columns() == {}
+    assert Aids.from_columns({"seq": 0, "wifi": None, "samples": {}}).names == ()
 
 
 def test_split_refuses_nonsense() -> None:

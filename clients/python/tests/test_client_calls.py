@@ -14,16 +14,23 @@ import numpy as np
 import pytest
 from conftest import FIXES, NOW, SESSION, VENUE, FakeService, job, make_samples, ok, problem, segment
 from isodyn_client import (
+    Aids,
     AsyncClient,
+    BleScans,
     Client,
     Encoding,
+    GnssFixes,
     InvalidRequestError,
     JobFailedError,
     JobState,
+    PressureReadings,
     Prior,
+    Samples,
     SegmentResult,
     SequenceConflictError,
     Session,
+    SpeedReadings,
+    StepCounts,
     StillWaitingError,
     UnexpectedAnswerError,
     Waypoints,
@@ -222,9 +229,91 @@ def test_wifi_goes_with_the_segment_in_which_it_was_heard(service: FakeService, 
     t0 = samples.t_ms[0]
     wifi = WifiScans([t0 + 1500.0, t0 - 100.0, t0 + 980.0], ["late", "before", "first"], [-1.0, -2.0, -3.0])
     service.will(ok(SESSION), ok(segment(0)), ok(segment(1)))
-    list(client.resume_session("ses_1").send_all(samples, wifi=wifi, segment_s=1.0))
+    list(client.resume_session("ses_1").send_all(samples, aids=Aids(wifi=wifi), segment_s=1.0))
     heard = [decoded(body)["wifi"]["bssid"] for body in service.bodies[1:]]
     assert heard == [["before", "first"], ["late"]]
+
+
+def every_aid(t0: float) -> Aids:
+    t_ms = [t0 + 10.0, t0 + 1500.0]
+    return Aids(
+        wifi=WifiScans(t_ms, ["w", "w"], [-1.0, -2.0]),
+        ble=BleScans(t_ms, ["b", "c"], [-70.0, -71.5]),
+        gnss=GnssFixes(t_ms, [48.1, 48.2], [11.5, 11.6], [12.0, 4.5]),
+        pressure=PressureReadings(t_ms, [953.25, 953.0]),
+        speed=SpeedReadings(t_ms, [1.25, -0.5]),
+        steps=StepCounts(t_ms, [5120.0, 5121.0]),
+    )
+
+
+@pytest.mark.parametrize("encoding", list(Encoding))
+def test_all_aids_arrive_as_they_were(service: FakeService, client: Client, encoding: Encoding) -> None:
+    samples = make_samples(100)
+    t0 = float(samples.t_ms[0])
+    service.will(ok(segment(0)), ok({"map_id": "map_1", "method": "particle", "fixes": FIXES}))
+    client.send_segment("ses_1", 0, samples, aids=every_aid(t0), encoding=encoding)
+    client.locate("lev_1", samples, aids=every_aid(t0), encoding=encoding)
+    for body in service.bodies:
+        value = json.loads(body) if encoding is Encoding.JSON else decoded(body)
+        t_ms = [t0 + 10.0, t0 + 1500.0]
+        assert value["wifi"] == {"t_ms": t_ms, "bssid": ["w", "w"], "rssi": [-1.0, -2.0]}
+        assert value["ble"] == {"t_ms": t_ms, "address": ["b", "c"], "rssi": [-70.0, -71.5]}
+        assert value["gnss"] == {
+            "t_ms": t_ms, "latitude_deg": [48.1, 48.2], "longitude_deg": [11.5, 11.6], "accuracy_m": [12.0, 4.5]
+        }  # fmt: skip
+        assert value["pressure"] == {"t_ms": t_ms, "hpa": [953.25, 953.0]}
+        assert value["speed"] == {"t_ms": t_ms, "speed_m_s": [1.25, -0.5]}
+        assert value["steps"] == {"t_ms": t_ms, "count": [5120.0, 5121.0]}
+        assert Aids.from_columns(value).columns() == every_aid(t0).columns()
+
+
+def test_aids_go_with_their_segment_and_old_ones_stay_behind(service: FakeService, client: Client) -> None:
+    """Of what is older than the samples the service takes 10 s, of Wi-Fi everything."""
+    first, second = make_samples(50), make_samples(50, start_ms=1_764_000_060_000.0)
+    t_ms = np.concatenate((first.t_ms, second.t_ms))
+    samples = Samples(t_ms, *(np.concatenate((getattr(first, n), getattr(second, n))) for n in ("mag", "acc", "gyro")))
+    at = first.t_ms[0] + np.array([-10_001.0, -9_999.0, 500.0, 30_000.0, 50_500.0, 60_500.0, 61_500.0])
+    aids = Aids(wifi=WifiScans(at, list("abcdefg"), np.zeros(7)), pressure=PressureReadings(at, np.arange(7.0) + 950.0))
+    service.will(ok(SESSION), ok(segment(0)), ok(segment(1)))
+    list(client.resume_session("ses_1").send_all(samples, aids=aids, segment_s=10.0))
+    values = [decoded(body) for body in service.bodies[1:]]
+    assert [value["wifi"]["bssid"] for value in values] == [["a", "b", "c"], ["d", "e", "f"]]
+    assert [value["pressure"]["hpa"] for value in values] == [[951.0, 952.0], [954.0, 955.0]]
+
+
+def test_ble_goes_with_a_walk(service: FakeService, client: Client) -> None:
+    walk = {"id": "wlk_1", "survey_id": "srv_1", "name": "a", "n_samples": 9, "n_waypoints": 2, "duration_s": 1.0}
+    service.will(ok(walk | {"length_m": 1.0, "content_hash": "00", "created_at": NOW}, 201))
+    samples = make_samples(9)
+    points = Waypoints(samples.t_ms[[0, -1]], [1.5, 2.5], [0.1, 0.2])
+    client.add_walk("srv_1", "a", samples, points, ble=BleScans([1.0], ["b"], [-60.0]))
+    value = decoded(service.bodies[0])
+    assert value["ble"] == {"t_ms": [1.0], "address": ["b"], "rssi": [-60.0]}
+    assert "wifi" not in value
+
+
+KNOWN = {"offset": [4.0, -7.5, 2.0], "offset_sd": [2.0, 2.0, 2.5], "stride_scale": 1.04, "stride_scale_sd": 0.04}
+
+
+def test_what_is_known_of_a_device(service: FakeService, client: Client) -> None:
+    device = {"id": "dev_1", "name": "phone", "model": None, "created_at": NOW}
+    memory = {**KNOWN, "epoch": "bias-1", "n_sessions": 3, "updated_at": NOW}
+    service.will(ok(device, 201), ok(device | {"calibrations": [memory]}), httpx.Response(204))
+    assert client.create_device("phone").calibrations == ()
+    (known,) = client.device("dev_1").calibrations
+    assert (known.epoch, known.n_sessions, known.offset, known.stride_scale) == ("bias-1", 3, (4.0, -7.5, 2.0), 1.04)
+    client.forget_calibrations("dev_1")
+    assert (service.requests[-1].method, service.requests[-1].url.path) == ("DELETE", "/v1/devices/dev_1/calibrations")
+
+
+def test_a_session_names_device_and_epoch_and_tells_what_it_began_with(service: FakeService, client: Client) -> None:
+    service.will(ok(SESSION, 201), ok(SESSION | {"calibration_epoch": "bias-1", "calibration": KNOWN}, 201))
+    assert client.open_session("lev_1").info.calibration is None
+    info = client.open_session("lev_1", device_id="dev_1", calibration_epoch="bias-1").info
+    assert json.loads(service.bodies[0]) == {"level_id": "lev_1"}
+    assert json.loads(service.bodies[1]) == {"level_id": "lev_1", "device_id": "dev_1", "calibration_epoch": "bias-1"}
+    assert info.calibration is not None
+    assert (info.calibration_epoch, info.calibration.offset_sd) == ("bias-1", (2.0, 2.0, 2.5))
 
 
 def test_positions_are_gathered_from_all_pages(service: FakeService, client: Client) -> None:

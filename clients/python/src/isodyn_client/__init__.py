@@ -10,6 +10,15 @@ fixes come out as numpy arrays (:class:`Fixes`), everything else as frozen model
 :class:`IsodynError`; the tree is drawn in :mod:`isodyn_client.errors`.
 """
 
+from isodyn_client.aids import (
+    Aids,
+    BleScans,
+    GnssFixes,
+    PressureReadings,
+    SpeedReadings,
+    StepCounts,
+    WifiScans,
+)
 from isodyn_client.aio import AsyncClient, AsyncSession
 from isodyn_client.client import Client, Session
 from isodyn_client.encoding import Encoding
@@ -41,7 +50,9 @@ from isodyn_client.fixes import Coverage, FieldRaster, Fixes
 from isodyn_client.models import (
     Anchor,
     ApiKey,
+    Calibration,
     Device,
+    DeviceCalibration,
     Ellipse,
     Extent,
     FeatureSet,
@@ -69,18 +80,22 @@ from isodyn_client.models import (
 )
 from isodyn_client.results import LocateResult, PositionPage, SegmentInfo, SegmentResult
 from isodyn_client.retry import RetryPolicy
-from isodyn_client.samples import Samples, Waypoints, WifiScans
+from isodyn_client.samples import Samples, Waypoints
 
 __all__ = [
+    "Aids",
     "Anchor",
     "ApiKey",
     "AsyncClient",
     "AsyncSession",
+    "BleScans",
+    "Calibration",
     "Client",
     "ConflictError",
     "ConnectionFailedError",
     "Coverage",
     "Device",
+    "DeviceCalibration",
     "Ellipse",
     "Encoding",
     "Extent",
@@ -89,6 +104,7 @@ __all__ = [
     "FieldRaster",
     "Fixes",
     "ForbiddenError",
+    "GnssFixes",
     "Hypothesis",
     "InvalidRequestError",
     "IsodynError",
@@ -108,6 +124,7 @@ __all__ = [
     "OverloadedError",
     "Position",
     "PositionPage",
+    "PressureReadings",
     "Prior",
     "ProblemError",
     "RateLimitedError",
@@ -124,8 +141,10 @@ __all__ = [
     "SessionClosedError",
     "SessionInfo",
     "SessionStatus",
+    "SpeedReadings",
     "Stats",
     "Status",
+    "StepCounts",
     "StillWaitingError",
     "Survey",
     "TooLargeError",

@@ -10,6 +10,7 @@ from typing import Any, Concatenate, ParamSpec, Self, TypeVar
 import httpx
 
 from isodyn_client import endpoints
+from isodyn_client.aids import Aids
 from isodyn_client.calls import Call, Listing
 from isodyn_client.connection import Connection
 from isodyn_client.encoding import Encoding
@@ -18,7 +19,7 @@ from isodyn_client.flows import Flow, Flows, Pause, Send
 from isodyn_client.models import Prior, SessionInfo
 from isodyn_client.results import SegmentResult
 from isodyn_client.retry import RetryPolicy
-from isodyn_client.samples import SEGMENT_S, Samples, WifiScans
+from isodyn_client.samples import SEGMENT_S, Samples
 from isodyn_client.sequence import Sequencer
 from isodyn_client.signatures import as_method
 
@@ -147,6 +148,7 @@ class AsyncClient:
         prior: Prior | None = None,
         device_id: str | None = None,
         map_id: str | None = None,
+        calibration_epoch: str | None = None,
     ) -> AsyncSession:
         """Open a session: one trip of one device, on a level, or with ``venue_id`` instead on any level of a venue.
 
@@ -160,6 +162,7 @@ class AsyncClient:
             prior=prior,
             device_id=device_id,
             map_id=map_id,
+            calibration_epoch=calibration_epoch,
         )
         return AsyncSession(self, info)
 
@@ -183,6 +186,7 @@ class AsyncClient:
     create_device = _call(endpoints.create_device)
     device = _call(endpoints.device)
     devices = _list(endpoints.devices)
+    forget_calibrations = _call(endpoints.forget_calibrations)
 
     create_survey = _call(endpoints.create_survey)
     survey = _call(endpoints.survey)
@@ -264,25 +268,25 @@ class AsyncSession:
         self,
         samples: Samples,
         *,
-        wifi: WifiScans | None = None,
+        aids: Aids | None = None,
         wait: float | None = None,
         encoding: Encoding | str = Encoding.MSGPACK,
         gzip: bool = False,
     ) -> SegmentResult:
         """Send the next segment; see :meth:`isodyn_client.Session.send`."""
-        return await self._client.run(self._sequencer.send(samples, wifi=wifi, wait=wait, encoding=encoding, gzip=gzip))
+        return await self._client.run(self._sequencer.send(samples, aids=aids, wait=wait, encoding=encoding, gzip=gzip))
 
     async def send_all(
         self,
         samples: Samples,
         *,
-        wifi: WifiScans | None = None,
+        aids: Aids | None = None,
         segment_s: float = SEGMENT_S,
         wait: float | None = None,
     ) -> AsyncIterator[SegmentResult]:
         """Cut samples into segments of ``segment_s`` seconds and send them one after the other."""
-        for piece, heard in self._sequencer.pieces(samples, wifi, segment_s):
-            yield await self.send(piece, wifi=heard, wait=wait)
+        for piece, heard in self._sequencer.pieces(samples, aids, segment_s):
+            yield await self.send(piece, aids=heard, wait=wait)
 
     async def wait_for(self, seq: int, *, timeout: float = 60.0) -> SegmentResult:
         """Wait until segment ``seq`` is processed."""

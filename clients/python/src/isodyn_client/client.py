@@ -10,6 +10,7 @@ from typing import Any, Concatenate, ParamSpec, Self, TypeVar
 import httpx
 
 from isodyn_client import endpoints
+from isodyn_client.aids import Aids
 from isodyn_client.calls import Call, Listing
 from isodyn_client.connection import Connection
 from isodyn_client.encoding import Encoding
@@ -18,7 +19,7 @@ from isodyn_client.flows import Flow, Flows, Pause, Send
 from isodyn_client.models import Prior, SessionInfo
 from isodyn_client.results import SegmentResult
 from isodyn_client.retry import RetryPolicy
-from isodyn_client.samples import SEGMENT_S, Samples, WifiScans
+from isodyn_client.samples import SEGMENT_S, Samples
 from isodyn_client.sequence import Sequencer
 from isodyn_client.signatures import as_method
 
@@ -153,6 +154,7 @@ class Client:
         prior: Prior | None = None,
         device_id: str | None = None,
         map_id: str | None = None,
+        calibration_epoch: str | None = None,
     ) -> Session:
         """Open a session: one trip of one device, on a level, or with ``venue_id`` instead on any level of a venue.
 
@@ -166,6 +168,7 @@ class Client:
             prior=prior,
             device_id=device_id,
             map_id=map_id,
+            calibration_epoch=calibration_epoch,
         )
         return Session(self, info)
 
@@ -189,6 +192,7 @@ class Client:
     create_device = _call(endpoints.create_device)
     device = _call(endpoints.device)
     devices = _list(endpoints.devices)
+    forget_calibrations = _call(endpoints.forget_calibrations)
 
     create_survey = _call(endpoints.create_survey)
     survey = _call(endpoints.survey)
@@ -270,7 +274,7 @@ class Session:
         self,
         samples: Samples,
         *,
-        wifi: WifiScans | None = None,
+        aids: Aids | None = None,
         wait: float | None = None,
         encoding: Encoding | str = Encoding.MSGPACK,
         gzip: bool = False,
@@ -280,19 +284,19 @@ class Session:
         After an error the number is still free: send *the same* samples again, which is safe even if the first
         attempt did arrive.
         """
-        return self._client.run(self._sequencer.send(samples, wifi=wifi, wait=wait, encoding=encoding, gzip=gzip))
+        return self._client.run(self._sequencer.send(samples, aids=aids, wait=wait, encoding=encoding, gzip=gzip))
 
     def send_all(
         self,
         samples: Samples,
         *,
-        wifi: WifiScans | None = None,
+        aids: Aids | None = None,
         segment_s: float = SEGMENT_S,
         wait: float | None = None,
     ) -> Iterator[SegmentResult]:
         """Cut samples into segments of ``segment_s`` seconds and send them one after the other."""
-        for piece, heard in self._sequencer.pieces(samples, wifi, segment_s):
-            yield self.send(piece, wifi=heard, wait=wait)
+        for piece, heard in self._sequencer.pieces(samples, aids, segment_s):
+            yield self.send(piece, aids=heard, wait=wait)
 
     def wait_for(self, seq: int, *, timeout: float = 60.0) -> SegmentResult:
         """Wait until segment ``seq`` is processed."""

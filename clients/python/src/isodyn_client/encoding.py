@@ -18,7 +18,8 @@ import msgpack
 import numpy as np
 from numpy.typing import NDArray
 
-from isodyn_client.samples import Samples, Waypoints, WifiScans
+from isodyn_client.aids import NO_AIDS, Aids
+from isodyn_client.samples import Samples, Waypoints
 
 _PIECE = 16_384
 """Rows of a column that are encoded at a time."""
@@ -97,15 +98,14 @@ def samples_body(
     fields: Mapping[str, Any],
     samples: Samples,
     *,
-    wifi: WifiScans | None = None,
+    aids: Aids | None = None,
     waypoints: Waypoints | None = None,
     encoding: Encoding | str = Encoding.MSGPACK,
     gzip: bool = False,
 ) -> Body:
     """Samples with what belongs to them, beside the plain ``fields`` of the call."""
     value: dict[str, Any] = {**fields, "frame": samples.frame, "samples": _columns(samples)}
-    if wifi is not None and len(wifi):
-        value["wifi"] = {"t_ms": wifi.t_ms.tolist(), "bssid": list(wifi.bssid), "rssi": wifi.rssi.tolist()}
+    value.update((aids or NO_AIDS).columns())
     if waypoints is not None:
         value["waypoints"] = {name: getattr(waypoints, name).tolist() for name in ("t_ms", "x", "y")}
     if Encoding(encoding) is Encoding.JSON:

@@ -9,6 +9,7 @@ import httpx
 import numpy as np
 from pydantic import BaseModel
 
+from isodyn_client.aids import Aids, BleScans, WifiScans
 from isodyn_client.calls import (
     Call,
     Listing,
@@ -46,7 +47,7 @@ from isodyn_client.models import (
     Walk,
 )
 from isodyn_client.results import LocateResult, PositionPage, SegmentInfo, SegmentResult, Trajectory
-from isodyn_client.samples import Samples, Waypoints, WifiScans
+from isodyn_client.samples import Samples, Waypoints
 
 T = TypeVar("T", bound=BaseModel)
 
@@ -146,13 +147,18 @@ def create_device(name: str, *, model: str | None = None) -> Call[Device]:
 
 
 def device(device_id: str) -> Call[Device]:
-    """One device."""
+    """One device, with what its closed sessions taught about it."""
     return _get(f"/v1/devices/{device_id}", Device)
 
 
 def devices() -> Listing[Device]:
     """All devices, newest first."""
     return _list("/v1/devices", Device)
+
+
+def forget_calibrations(device_id: str) -> Call[None]:
+    """Forget what sessions taught about a device: the next one starts as with a new device."""
+    return Call("DELETE", f"/v1/devices/{device_id}/calibrations", nothing)
 
 
 # Surveys and maps
@@ -180,6 +186,7 @@ def add_walk(
     waypoints: Waypoints,
     *,
     wifi: WifiScans | None = None,
+    ble: BleScans | None = None,
     device_id: str | None = None,
     encoding: Encoding | str = Encoding.MSGPACK,
     gzip: bool = False,
@@ -189,7 +196,8 @@ def add_walk(
     The body is encoded while it is sent, so a long walk does not exist twice in memory.
     """
     fields = present({"name": name, "device_id": device_id})
-    body = samples_body(fields, samples, wifi=wifi, waypoints=waypoints, encoding=encoding, gzip=gzip)
+    aids = Aids(wifi=wifi, ble=ble)
+    body = samples_body(fields, samples, aids=aids, waypoints=waypoints, encoding=encoding, gzip=gzip)
     return Call("POST", f"/v1/surveys/{survey_id}/walks", as_model(Walk), body=body)
 
 
@@ -293,10 +301,13 @@ def create_session(
     prior: Prior | None = None,
     device_id: str | None = None,
     map_id: str | None = None,
+    calibration_epoch: str | None = None,
 ) -> Call[SessionInfo]:
     """Open a session: one trip of one device, on a level, or with ``venue_id`` instead on any level of a venue.
 
-    Without a method the service's default is used.
+    Without a method the service's default is used. A session that names its device starts with what earlier ones taught
+    about it. ``calibration_epoch`` is any text that changes when the platform recalibrates its magnetometer, such as a
+    hash of the hard-iron bias it reports.
     """
     return _create(
         "/v1/sessions",
@@ -308,6 +319,7 @@ def create_session(
         prior=prior and prior.model_dump(exclude_none=True),
         device_id=device_id,
         map_id=map_id,
+        calibration_epoch=calibration_epoch,
     )
 
 
@@ -339,7 +351,7 @@ def send_segment(
     seq: int,
     samples: Samples,
     *,
-    wifi: WifiScans | None = None,
+    aids: Aids | None = None,
     wait: float | None = None,
     encoding: Encoding | str = Encoding.MSGPACK,
     gzip: bool = False,
@@ -348,7 +360,7 @@ def send_segment(
 
     Sending the same samples under the same number again is safe: the first answer comes back.
     """
-    body = samples_body({"seq": seq}, samples, wifi=wifi, encoding=encoding, gzip=gzip)
+    body = samples_body({"seq": seq}, samples, aids=aids, encoding=encoding, gzip=gzip)
     path = f"/v1/sessions/{session_id}/segments"
     return Call("POST", path, as_model(SegmentResult), headers=prefer_wait(wait), body=body, wait_s=wait or 0.0)
 
@@ -398,7 +410,7 @@ def locate(
     parameters: Mapping[str, Any] | None = None,
     prior: Prior | None = None,
     map_id: str | None = None,
-    wifi: WifiScans | None = None,
+    aids: Aids | None = None,
     encoding: Encoding | str = Encoding.MSGPACK,
     gzip: bool = False,
 ) -> Call[LocateResult]:
@@ -416,7 +428,7 @@ def locate(
             "map_id": map_id,
         }
     )
-    body = samples_body(fields, samples, wifi=wifi, encoding=encoding, gzip=gzip)
+    body = samples_body(fields, samples, aids=aids, encoding=encoding, gzip=gzip)
     return Call("POST", "/v1/locate", as_model(LocateResult), body=body, wait_s=30.0)
 
 

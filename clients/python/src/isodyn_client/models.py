@@ -125,13 +125,31 @@ class Level(Model):
     updated_at: datetime
 
 
+class Calibration(Model):
+    """What is known about a device: ``offset`` (forward, left, up; uT), its carrier's stride over the model's."""
+
+    offset: tuple[float, float, float]
+    offset_sd: tuple[float, float, float]
+    stride_scale: float
+    stride_scale_sd: float
+
+
+class DeviceCalibration(Calibration):
+    """What ``n_sessions`` sessions taught about a device, in one epoch of its magnetometer."""
+
+    epoch: str
+    n_sessions: int
+    updated_at: datetime
+
+
 class Device(Model):
-    """One physical sensor carrier."""
+    """One physical sensor carrier; ``calibrations`` are there when it is asked for alone."""
 
     id: str
     name: str
     model: str | None = None
     created_at: datetime
+    calibrations: tuple[DeviceCalibration, ...] = ()
 
 
 class Survey(Model):
@@ -221,7 +239,10 @@ class LevelMap(Model):
 
 
 class SessionInfo(Model):
-    """A session as the service keeps it. ``level_id`` and ``map_id`` are None if it was opened on a whole venue."""
+    """A session as the service keeps it; ``calibration`` is what it knew of its device as it began.
+
+    ``level_id`` and ``map_id`` are None if it was opened on a whole venue.
+    """
 
     id: str
     venue_id: str
@@ -236,6 +257,8 @@ class SessionInfo(Model):
     next_seq: int
     created_at: datetime
     closed_at: datetime | None = None
+    calibration_epoch: str = ""
+    calibration: Calibration | None = None
 
 
 class Ellipse(Model):

@@ -1,52 +1,17 @@
-"""What is uploaded: samples of a device, Wi-Fi readings, labelled positions. numpy in."""
+"""What is uploaded: samples of a device, labelled positions. numpy in."""
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
-Float64Array = NDArray[np.float64]
+from isodyn_client.arrays import Float64Array, store, triples, vector
 
 SEGMENT_S = 5.0
 """Length of a segment when nothing else is asked for, s."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class WifiScans:
-    """Wi-Fi readings: one row per access point seen.
-
-    Parameters
-    ----------
-    t_ms : array, shape (m,), Unix ms
-        When the access point was last heard, in any order.
-    bssid : sequence of str, length m
-    rssi : array, shape (m,), dBm
-    """
-
-    t_ms: Float64Array
-    bssid: Sequence[str]
-    rssi: Float64Array
-
-    def __post_init__(self) -> None:
-        _store(self, "t_ms", _vector("t_ms", self.t_ms))
-        _store(self, "bssid", tuple(self.bssid))
-        _store(self, "rssi", _vector("rssi", self.rssi, len(self.t_ms)))
-        if len(self.bssid) != len(self.t_ms):
-            raise ValueError(f"bssid needs {len(self.t_ms)} entries, got {len(self.bssid)}")
-
-    def __len__(self) -> int:
-        return len(self.t_ms)
-
-    def between(self, start_ms: float, stop_ms: float) -> WifiScans:
-        """Readings with ``start_ms <= t_ms < stop_ms``."""
-        keep = (self.t_ms >= start_ms) & (self.t_ms < stop_ms)
-        bssid = tuple(name for name, kept in zip(self.bssid, keep, strict=True) if kept)
-        return WifiScans(self.t_ms[keep], bssid, self.rssi[keep])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -80,9 +45,9 @@ class Samples:
     frame: str = "android"
 
     def __post_init__(self) -> None:
-        _store(self, "t_ms", _vector("t_ms", self.t_ms))
+        store(self, "t_ms", vector("t_ms", self.t_ms))
         for name in ("mag", "acc", "gyro"):
-            _store(self, name, _triples(name, getattr(self, name), len(self.t_ms)))
+            store(self, name, triples(name, getattr(self, name), len(self.t_ms)))
 
     def __len__(self) -> int:
         return len(self.t_ms)
@@ -124,31 +89,9 @@ class Waypoints:
     y: Float64Array
 
     def __post_init__(self) -> None:
-        _store(self, "t_ms", _vector("t_ms", self.t_ms))
+        store(self, "t_ms", vector("t_ms", self.t_ms))
         for name in ("x", "y"):
-            _store(self, name, _vector(name, getattr(self, name), len(self.t_ms)))
+            store(self, name, vector(name, getattr(self, name), len(self.t_ms)))
 
     def __len__(self) -> int:
         return len(self.t_ms)
-
-
-def _store(target: object, name: str, value: object) -> None:
-    object.__setattr__(target, name, value)
-
-
-def _array(value: ArrayLike) -> NDArray[Any]:
-    return np.asarray(value, dtype=np.float64)
-
-
-def _vector(name: str, value: ArrayLike, length: int | None = None) -> Float64Array:
-    array = _array(value)
-    if array.ndim != 1 or (length is not None and len(array) != length):
-        raise ValueError(f"{name} needs shape ({'n' if length is None else length},), got {array.shape}")
-    return array
-
-
-def _triples(name: str, value: ArrayLike, length: int) -> Float64Array:
-    array = _array(value)
-    if array.shape != (length, 3):
-        raise ValueError(f"{name} needs shape ({length}, 3), one row a sample, got {array.shape}")
-    return array

@@ -1,0 +1,119 @@
+"""What sessions teach about a device, fused into one memory: a Kalman filter whose steps are sessions.
+
+Between two sessions the truth drifts (the platform recalibrates, a case or another pocket comes); a session then
+measures it. Two traps are minded:
+
+* A session starts from the memory, so what it learned contains the memory already. Its own evidence is what is left
+  when the information it started with is taken out again, in information form, as nodes of a decentralized filter do
+  with what they have in common (Grime and Durrant-Whyte 1994, doi:10.1016/0967-0661(94)90349-2): nothing is counted
+  twice, sessions may overlap, and a memory that was deleted does not come back through a session that began with it.
+* Filters are too sure of what they learned: sessions of the *same* phone differ by more than either claims. So no
+  session counts as better than the floors, nor does the memory.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from app.engine.types import DeviceCalibration
+
+_TINY = 1e-6
+
+
+@dataclass(frozen=True, slots=True)
+class MemoryLaw:
+    """How devices differ, and how one device differs from session to session.
+
+    Attributes
+    ----------
+    offset_wide, stride_wide : float
+        Standard deviations over devices and carriers: what is known of a new one. The tracker's own start.
+    offset_drift, stride_drift : float
+        Change from one session to the next, one standard deviation.
+    offset_floor, stride_floor : float
+        Neither a session nor the memory knows better than this: by so much sessions of one phone differ on recorded
+        walks.
+    """
+
+    offset_wide: float = 5.5
+    stride_wide: float = 0.13
+    offset_drift: float = 2.0
+    stride_drift: float = 0.02
+    offset_floor: float = 2.0
+    stride_floor: float = 0.04
+
+
+_LAW = MemoryLaw()
+
+
+def unknown_device(law: MemoryLaw = _LAW) -> DeviceCalibration:
+    """What is known about a device never seen: no offset and the stride of the model, give or take."""
+    wide = law.offset_wide
+    return DeviceCalibration((0.0, 0.0, 0.0), (wide, wide, wide), 1.0, law.stride_wide)
+
+
+def next_session(memory: DeviceCalibration, law: MemoryLaw = _LAW) -> DeviceCalibration:
+    """What the memory is worth in the next session: the same values, less certain by the drift."""
+    x, y, z = (min(math.hypot(sd, law.offset_drift), law.offset_wide) for sd in memory.offset_sd)
+    stride_sd = min(math.hypot(memory.stride_scale_sd, law.stride_drift), law.stride_wide)
+    return DeviceCalibration(memory.offset, (x, y, z), memory.stride_scale, stride_sd)
+
+
+def next_epoch(memory: DeviceCalibration, law: MemoryLaw = _LAW) -> DeviceCalibration:
+    """What the memory is worth once the magnetometer was recalibrated: the carrier's stride only."""
+    known, unknown = next_session(memory, law), unknown_device(law)
+    return DeviceCalibration(unknown.offset, unknown.offset_sd, known.stride_scale, known.stride_scale_sd)
+
+
+def remember(
+    expected: DeviceCalibration,
+    started_with: DeviceCalibration | None,
+    learned: DeviceCalibration,
+    law: MemoryLaw = _LAW,
+) -> DeviceCalibration:
+    """The memory after a session.
+
+    Parameters
+    ----------
+    expected : DeviceCalibration
+        What was known before the session, drift included (:func:`next_session`, :func:`next_epoch`,
+        :func:`unknown_device`).
+    started_with : DeviceCalibration or None
+        What the session itself began with; None: nothing known (:func:`unknown_device`). Usually ``expected``; another
+        one when sessions overlapped.
+    learned : DeviceCalibration
+        What it ended with.
+    """
+    before = unknown_device(law) if started_with is None else started_with
+    (x, sx), (y, sy), (z, sz) = (
+        _fuse(
+            (expected.offset[i], expected.offset_sd[i]),
+            (before.offset[i], before.offset_sd[i]),
+            (learned.offset[i], learned.offset_sd[i]),
+            law.offset_floor,
+        )
+        for i in range(3)
+    )
+    stride, stride_sd = _fuse(
+        (expected.stride_scale, expected.stride_scale_sd),
+        (before.stride_scale, before.stride_scale_sd),
+        (learned.stride_scale, learned.stride_scale_sd),
+        law.stride_floor,
+    )
+    return DeviceCalibration((x, y, z), (sx, sy, sz), stride, stride_sd)
+
+
+def _fuse(
+    expected: tuple[float, float], before: tuple[float, float], after: tuple[float, float], floor: float
+) -> tuple[float, float]:
+    """One value and its standard deviation, updated by what a session found beyond what it began with."""
+    value, sd = expected
+    after_sd = max(after[1], _TINY)
+    information = after_sd**-2 - before[1] ** -2
+    if information <= 0.0:  # the session ended no wiser than it began
+        return value, max(sd, floor)
+    evidence = (after[0] * after_sd**-2 - before[0] * before[1] ** -2) / information
+    noise = max(information**-0.5, floor)
+    gain = sd**2 / (sd**2 + noise**2)
+    return value + gain * (evidence - value), max(sd * math.sqrt(1.0 - gain), floor)

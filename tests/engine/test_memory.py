@@ -1,0 +1,174 @@
+"""What sessions teach about a device: nothing counts twice, old news fade, nobody is surer than sessions agree."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from app.engine.calibration import MemoryLaw, next_epoch, next_session, remember, unknown_device
+from app.engine.inertial.stride import SPREAD
+from app.engine.localization.initial import InitialSpread
+from app.engine.types import DeviceCalibration
+
+LAW = MemoryLaw()
+values = st.floats(-40.0, 40.0)
+spreads = st.floats(0.05, 5.5)
+scales = st.floats(0.6, 1.4)
+scale_spreads = st.floats(0.005, 0.13)
+
+
+@st.composite
+def calibrations(draw: st.DrawFn) -> DeviceCalibration:
+    offset, sd = (draw(st.tuples(element, element, element)) for element in (values, spreads))
+    return DeviceCalibration(offset, sd, draw(scales), draw(scale_spreads))
+
+
+def known(offset: float, offset_sd: float, stride: float = 1.0, stride_sd: float = 0.05) -> DeviceCalibration:
+    return DeviceCalibration((offset,) * 3, (offset_sd,) * 3, stride, stride_sd)
+
+
+def session(before: DeviceCalibration, offset: float, offset_sd: float, stride: float, stride_sd: float):
+    """What an honest filter ends with that begins with ``before`` and measures so: precisions add."""
+
+    def update(value: float, sd: float, seen: float, seen_sd: float) -> tuple[float, float]:
+        precision = sd**-2 + seen_sd**-2
+        return (value * sd**-2 + seen * seen_sd**-2) / precision, precision**-0.5
+
+    parts = [update(before.offset[i], before.offset_sd[i], offset, offset_sd) for i in range(3)]
+    scale, scale_sd = update(before.stride_scale, before.stride_scale_sd, stride, stride_sd)
+    values, sds = zip(*parts, strict=True)
+    return DeviceCalibration(values, sds, scale, scale_sd)
+
+
+def after(measured: list[float], *, sd: float = 2.0, memory: DeviceCalibration | None = None) -> DeviceCalibration:
+    """The memory after sessions that measured these offsets, each starting from what was remembered."""
+    for offset in measured:
+        start = unknown_device() if memory is None else next_session(memory)
+        memory = remember(start, None if memory is None else start, session(start, offset, sd, 1.1, 0.04))
+    assert memory is not None
+    return memory
+
+
+def test_a_new_device_is_what_the_tracker_takes_it_for() -> None:
+    spread = InitialSpread()
+    start = unknown_device()
+    assert start.offset_sd == (spread.offset_horizontal, spread.offset_horizontal, spread.offset_vertical)
+    assert (start.offset, start.stride_scale, start.stride_scale_sd) == ((0.0, 0.0, 0.0), 1.0, SPREAD)
+
+
+def test_an_honest_session_is_taken_as_it_is() -> None:
+    """A filter that is not too sure has fused memory and evidence already; doing it again must change nothing."""
+    start = next_session(known(3.0, 2.5, 1.05, 0.06))
+    ended = session(start, 9.0, 3.0, 0.95, 0.07)
+    fused = remember(start, start, ended)
+    assert fused.offset == pytest.approx(ended.offset)
+    assert fused.offset_sd == pytest.approx(ended.offset_sd)
+    assert (fused.stride_scale, fused.stride_scale_sd) == pytest.approx((ended.stride_scale, ended.stride_scale_sd))
+
+
+@given(memory=calibrations(), offset=values, offset_sd=st.floats(0.5, 50.0))
+def test_overlapping_sessions_count_once_each_in_any_order(
+    memory: DeviceCalibration, offset: float, offset_sd: float
+) -> None:
+    """Both began with the same memory; without drift and floors the outcome is that of one filter that saw both."""
+    law = MemoryLaw(offset_drift=0.0, stride_drift=0.0, offset_floor=1e-9, stride_floor=1e-9)
+    start = next_session(memory, law)
+    one, other = session(start, offset, offset_sd, 1.0, 0.1), session(start, 4.0, 3.0, 1.1, 0.05)
+    both = session(one, 4.0, 3.0, 1.1, 0.05)
+    for first, second in ((one, other), (other, one)):
+        fused = remember(next_session(remember(start, start, first, law), law), start, second, law)
+        assert fused.offset == pytest.approx(both.offset, abs=1e-3)
+        assert fused.offset_sd == pytest.approx(both.offset_sd, rel=1e-4)
+        assert fused.stride_scale == pytest.approx(both.stride_scale, abs=1e-3)
+
+
+@given(memory=calibrations(), learned=calibrations())
+def test_nobody_is_surer_than_the_floors_nor_less_sure_than_before(
+    memory: DeviceCalibration, learned: DeviceCalibration
+) -> None:
+    start = next_session(memory)
+    fused = remember(start, start, learned)
+    for i in range(3):
+        assert LAW.offset_floor <= fused.offset_sd[i] <= max(start.offset_sd[i], LAW.offset_floor)
+    assert LAW.stride_floor <= fused.stride_scale_sd <= max(start.stride_scale_sd, LAW.stride_floor)
+    assert all(map(math.isfinite, (*fused.offset, fused.stride_scale)))
+
+
+@given(memory=calibrations())
+def test_a_session_that_learned_nothing_changes_nothing_but_the_drift(memory: DeviceCalibration) -> None:
+    start = next_session(memory)
+    fused = remember(start, start, start)
+    assert fused.offset == start.offset
+    assert fused.stride_scale == start.stride_scale
+    assert fused.offset_sd == tuple(max(sd, LAW.offset_floor) for sd in start.offset_sd)
+
+
+def test_a_first_session_sets_the_memory_within_its_own_error() -> None:
+    memory = after([10.0], sd=0.5)
+    # a claim of 0.5 uT counts as one of 2: 12 % of the way back to what devices have on average
+    assert memory.offset == pytest.approx((8.9, 8.9, 8.9), abs=0.2)
+    assert memory.offset_sd == (2.0, 2.0, 2.0)
+    assert memory.stride_scale_sd == 0.04
+
+
+def test_drift_adds_between_sessions_up_to_knowing_nothing() -> None:
+    memory = known(5.0, 2.0, 1.1, 0.04)
+    start = next_session(memory)
+    assert start.offset == memory.offset
+    assert start.offset_sd == pytest.approx((math.sqrt(8.0),) * 3)
+    assert start.stride_scale_sd == pytest.approx(math.hypot(0.04, 0.02))
+    for _ in range(100):
+        start = next_session(start)
+    assert start.offset_sd == (5.5, 5.5, 5.5)
+    assert start.stride_scale_sd == 0.13
+
+
+def test_the_memory_converges_and_averages_what_sessions_differ_by() -> None:
+    rng = np.random.default_rng(5)
+    truth, spread = 12.0, 2.0
+    errors = [after(list(rng.normal(truth, spread, 12)), sd=0.3).offset[0] - truth for _ in range(200)]
+    assert abs(np.mean(errors)) < 0.5
+    # better than one session alone, and the claim covers it
+    assert np.sqrt(np.mean(np.square(errors))) < spread
+    claimed = after([truth] * 12, sd=0.3).offset_sd[0]
+    assert claimed == 2.0
+    assert np.mean(np.abs(errors) < 2.0 * claimed) > 0.93
+
+
+def test_old_news_is_forgotten() -> None:
+    memory = after([-10.0] * 8)
+    assert memory.offset[0] == pytest.approx(-10.0, abs=0.2)
+    followed = [after([8.0] * n, memory=memory).offset[0] for n in range(1, 6)]
+    assert followed == sorted(followed)
+    assert followed[0] > -1.0  # one session moves it more than half of the way
+    assert followed[3] == pytest.approx(8.0, abs=0.5)
+
+
+def test_another_epoch_knows_the_stride_only() -> None:
+    start = next_epoch(known(9.0, 2.0, 1.15, 0.04))
+    assert start.offset == (0.0, 0.0, 0.0)
+    assert start.offset_sd == (5.5, 5.5, 5.5)
+    assert (start.stride_scale, start.stride_scale_sd) == pytest.approx((1.15, math.hypot(0.04, 0.02)))
+
+
+def test_a_deleted_memory_does_not_come_back_through_a_session() -> None:
+    """Begun with a wrong memory, ended after it was deleted: only what the session itself saw is remembered."""
+    wrong = next_session(known(-20.0, 2.0))
+    ended = session(wrong, 6.0, 2.0, 1.0, 0.05)
+    assert ended.offset[0] < -2.0
+    fused = remember(unknown_device(), wrong, ended)
+    expected = remember(unknown_device(), None, session(unknown_device(), 6.0, 2.0, 1.0, 0.05))
+    assert fused.offset == pytest.approx(expected.offset)
+    assert fused.offset[0] > 4.0
+
+
+def test_particles_that_all_agree_are_no_certainty() -> None:
+    start = unknown_device()
+    fused = remember(start, None, replace(known(7.0, 0.0), stride_scale=1.2, stride_scale_sd=0.0))
+    assert fused.offset_sd == (2.0, 2.0, 2.0)
+    assert 1.15 < fused.stride_scale < 1.2
