@@ -191,7 +191,7 @@ Int8Array = NDArray[np.int8]
 UInt8Array = NDArray[np.uint8]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, weakref_slot=True)
 class RadioMap:
     """Signal strengths of access points and beacons over a level, on a grid coarser than the field's.
 

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from app.engine.localization.radio import RadioScan, log_likelihood
 from app.engine.localization.registry import METHODS, create_tracker
 from app.engine.mapping import Covariance, FieldLevel, FieldSamples, krige
-from app.engine.types import FeatureSet, GridMap, ImuSamples, Prior, Segment
+from app.engine.types import FeatureSet, GridMap, ImuSamples, Prior, RadioMap, Segment
 
 
 class _OneMap:
@@ -23,7 +24,10 @@ class _OneMap:
 
 
 def warm_up() -> None:
-    """Run every method once on a few steps over a flat map, and krige one. Idempotent; seconds without a cache."""
+    """Run every method once on a few steps over a flat map, krige one, and hear one access point.
+
+    Idempotent; seconds without a cache.
+    """
     source = _OneMap(_flat_map())
     segment = Segment(_walk(3.0))
     for name in METHODS:
@@ -31,6 +35,12 @@ def warm_up() -> None:
         tracker.step(tracker.start(Prior("warm", 5.0, 5.0), seed=0), segment, source)
     samples = FieldSamples(np.zeros((1, 2)), np.zeros(1, dtype=np.int64), np.zeros((1, 3)))
     krige(samples, FieldLevel(np.zeros(3), np.ones(3)), Covariance(), np.zeros((1, 2)))
+    log_likelihood(_flat_radio(), RadioScan(0.0, 0.0, ("warm",), np.array([-60.0])))
+
+
+def _flat_radio() -> RadioMap:
+    ones = np.ones((1, 2, 2), dtype=np.uint8)
+    return RadioMap(0.0, 0.0, 3.0, ("warm",), np.full((1, 2, 2), -60, np.int8), 50 * ones, 200 * ones)
 
 
 def _flat_map() -> GridMap:

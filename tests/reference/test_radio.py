@@ -1,0 +1,50 @@
+"""The radio kernel against its slow twin."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from app.engine.kernels.radio import scan_log_likelihood
+
+
+def naive_scan_log_likelihood(rows, rssi, weight, mean, sd, seen, unseen, offset_var, most):
+    """One node and one reading at a time; the offset is the weighted mean of residuals, twice."""
+    out = []
+    for s in range(mean.shape[1]):
+        sigma = [0.1 * sd[row, s] for row in rows]
+        residual = [r - float(mean[row, s]) for r, row in zip(rssi, rows, strict=True)]
+        offset, slope = 0.0, 0.0
+        for _ in range(2):
+            inverse = [
+                w / (1.0 + slope * ((e - offset) / q) ** 2) ** 2 / q**2
+                for w, e, q in zip(weight, residual, sigma, strict=True)
+            ]
+            offset = sum(i * e for i, e in zip(inverse, residual, strict=True)) / (sum(inverse) + 1.0 / offset_var)
+            slope = 0.5 / most
+        total = -0.5 * offset**2 / offset_var
+        for w, e, q, row in zip(weight, residual, sigma, rows, strict=True):
+            u2 = ((e - offset) / q) ** 2
+            total += w * (np.log(max(seen[row, s] / 255.0, unseen)) - np.log(q) - 0.5 * u2 / (1.0 + 0.5 * u2 / most))
+        out.append(total)
+    return np.array(out)
+
+
+@pytest.mark.parametrize("k", [0, 1, 40])
+def test_agrees_with_the_readings_one_by_one(k: int) -> None:
+    rng = np.random.default_rng(7)
+    shape = (50, 70)
+    mean = rng.integers(-128, 128, shape).astype(np.int8)
+    sd = rng.integers(1, 256, shape).astype(np.uint8)
+    seen = rng.integers(0, 256, shape).astype(np.uint8)
+    rows = rng.integers(0, 50, k)
+    rssi, weight = rng.uniform(-100.0, -30.0, k), rng.uniform(0.2, 1.0, k)
+    byte = np.arange(256)
+    log_seen = np.log(np.maximum(byte / 255.0, 0.003)).astype(np.float32)
+    log_sd = np.log(np.maximum(0.1 * byte, 0.1)).astype(np.float32)
+    out = np.full(70, np.nan, np.float32)
+    scan_log_likelihood(
+        rows, rssi, weight, mean, sd, seen, log_seen, log_sd, 25.0, 6.0, np.empty((3, 70), np.float32), out
+    )
+    expected = naive_scan_log_likelihood(rows, rssi, weight, mean, sd, seen, 0.003, 25.0, 6.0)
+    np.testing.assert_allclose(out, expected, rtol=2e-4, atol=2e-2)
