@@ -33,13 +33,6 @@ class Scenario(StrEnum):
     VENUE = "venue"
 
 
-class Aids(StrEnum):
-    """What is sent beside the magnetometer and inertial samples."""
-
-    NONE = "none"
-    WIFI = "wifi"
-
-
 class Through(StrEnum):
     """Where the walks are replayed."""
 
@@ -70,7 +63,9 @@ def ilc20(
     scenario: Annotated[
         Scenario, typer.Option(help="tracking: start known within 3 m; cold: the level; venue: the building.")
     ] = Scenario.TRACKING,
-    aids: Annotated[Aids, typer.Option(help="Send the walks' Wi-Fi readings too, or not.")] = Aids.NONE,
+    aids: Annotated[
+        str, typer.Option(help="Readings sent with survey and test walks: none, wifi, ble or wifi,ble.")
+    ] = "none",
     through: Annotated[
         Through, typer.Option(help="Call the engine, or send the walks through a service over HTTP.")
     ] = Through.ENGINE,
@@ -94,6 +89,8 @@ def ilc20(
 
     Error: horizontal distance in metres of the causal fix to the truth, at every step after the first 5 s. Covered
     walks have a survey sample within 1 m of at least 80 % of their steps. docs/uncertainty.md explains the columns.
+    With --scenario venue all levels of a building that are in the folder get a map, also those not named in --levels,
+    and a fix on a wrong level is wrong wherever it lies.
 
     Example:  isodyn evaluate ilc20 --data maps/samples
 
@@ -106,7 +103,7 @@ def ilc20(
         data=data,
         levels=tuple(name.strip() for name in levels.split(",") if name.strip()),
         scenario=protocol.Scenario(scenario.value),
-        aids=protocol.Aids(aids.value),
+        aids=protocol.Aids.parse(aids),
         through=protocol.Through(through.value),
         jobs=jobs,
         plots=plots,
@@ -172,6 +169,33 @@ def uji(
 
     options = UjiOptions(data=data, runs=runs, jobs=jobs, plots=plots, cache=cache, method=method)
     publish(with_progress(lambda progress: run_uji(options, progress)), json_file)
+
+
+@app.command("plot")
+@reported
+def plot(
+    reports: Annotated[list[Path], typer.Argument(help="Reports written with --json.")],
+    out: Annotated[Path, typer.Option(help="PNG to write.")] = Path("errors.png"),
+) -> None:
+    """Draw the error distributions of several reports in one picture, with published figures as lines.
+
+    Example:  isodyn evaluate plot tracking.json cold.json cold-wifi.json --out errors.png
+    """
+    import json
+
+    from app.cli.errors import InputFileError
+    from app.evaluation.distributions import plot_reports
+
+    contents = []
+    for file in reports:
+        try:
+            contents.append(json.loads(file.read_text()))
+            missing = {"set", "scenario", "aids", "walks"} - contents[-1].keys()
+        except (ValueError, AttributeError) as error:
+            raise InputFileError(file, f"is not a report ({error})") from error
+        if missing:
+            raise InputFileError(file, f"is not a report: it lacks {', '.join(sorted(missing))}")
+    typer.echo(plot_reports(contents, out))
 
 
 def with_progress(work: Callable[[Progress], R]) -> R:

@@ -84,6 +84,22 @@ class ServiceTransport:
             )
             return info.id
 
+    def locate(
+        self, prior: Prior, venue_id: str, segment: Segment, *, method: str, parameters: Mapping[str, object]
+    ) -> Sequence[Fix]:
+        """Locate a segment at once."""
+        with _translated():
+            answer = self.client.locate(
+                prior.level_id,
+                samples_of(segment.samples),
+                venue_id=venue_id if prior.level_id is None else None,
+                method=method or None,
+                parameters=dict(parameters) or None,
+                prior=prior_of(prior),
+                wifi=wifi_of(segment.wifi),
+            )
+        return fixes_from(answer.fixes)
+
     def send_segment(self, session_id: str, seq: int, segment: Segment) -> Sequence[Fix]:
         """Send one segment and wait for its fixes."""
         with _translated():

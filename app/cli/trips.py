@@ -14,8 +14,10 @@ from app.evaluation.plots import Backdrop, plot_report
 from app.evaluation.prepare import surveyed_area
 from app.evaluation.protocol import Aids, Scenario, Through
 from app.evaluation.replay import Job, replay_walks
-from app.evaluation.report import BASELINE, Dropped, Report, WalkResult, layout
+from app.evaluation.report import Report
+from app.evaluation.results import BASELINE, Dropped, WalkResult
 from app.evaluation.run import SET_NAME
+from app.evaluation.tables import layout
 
 _ID_LENGTH = 8
 _HEADER = ("walk", "length", "fixes", "p50", "p90", "dr p50", "dr p90", "in 95 %", "covered", "ms")
@@ -56,13 +58,13 @@ def replay_trips(
     baseline = HttpDriver(transport, BASELINE, {})
     results: list[WalkResult | Dropped] = []
     for walk in walks:
-        job = Job(data.name, level_id, "", (walk,), area, Scenario.TRACKING, Aids.NONE, repeat=0)
+        job = Job(data.name, level_id, "", (walk,), area, Scenario.TRACKING, Aids(), repeat=0)
         results += replay_walks(job, driver, baseline)
         done(walk)
     return Report(
         set_name=SET_NAME,
         scenario=Scenario.TRACKING,
-        aids=Aids.NONE,
+        aids=Aids(),
         through=Through.HTTP,
         method=method or "isodyn",
         levels=(data.name,),

@@ -193,6 +193,12 @@ class Transport(Protocol):
         """Close the session."""
         ...
 
+    def locate(
+        self, prior: Prior, venue_id: str, segment: Segment, *, method: str, parameters: Mapping[str, object]
+    ) -> Sequence[Fix]:
+        """Locate a segment at once; place and method as in :meth:`open_session`."""
+        ...
+
 
 @dataclass(frozen=True, slots=True)
 class HttpDriver:

@@ -7,12 +7,15 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from app.engine.types import MapBuildSettings, Progress
 from app.evaluation.corners import CornerSummary, summarize_runs
@@ -32,8 +35,9 @@ from app.evaluation.metrics import summarize
 from app.evaluation.prepare import PreparedLevel, PrepareTask
 from app.evaluation.protocol import Aids, Scenario, Through
 from app.evaluation.repeats import Bench, Run, failures_of, first_fixes, replay_all
-from app.evaluation.report import MapNote, Report, layout, length_cell, percent_cell
-from app.evaluation.run import Engine, check_method, default_engine
+from app.evaluation.report import MapNote, Report
+from app.evaluation.tables import layout, length_cell, percent_cell
+from app.evaluation.through_engine import Engine, check_method, default_engine
 
 SET_NAME = "kaist"
 SURVEY_SETTINGS = MapBuildSettings(align=False)
@@ -112,7 +116,7 @@ class KaistReport:
             "first_fix": first_fixes(self.runs).as_dict(),
             "tracks": {name: {"device": runs[0].device} | _figures(runs) for name, runs in self.tracks.items()},
             "devices": {name: _figures(runs) for name, runs in self.devices.items()},
-            "published": [_published_figures(one, self._numbers()) for one in self.published],
+            "published": [_published_figures(one, self.numbers()) for one in self.published],
         }
 
     def to_json(self) -> str:
@@ -127,14 +131,14 @@ class KaistReport:
         rows.append(_row("all tracks", "all" if len(self.devices) > 1 else "", list(self.runs)))
         for one in self.published:
             if one.map_step_m == HEADLINE_MAP_STEP_M:
-                rows += _published_rows(one, self._numbers())
+                rows += _published_rows(one, self.numbers())
         head = f"{SET_NAME} {self.report.levels[0]}, cold, {self.report.method}, {self.n_runs} runs a track"
         legend = [_LEGEND_CORNERS, _LEGEND_WALK, *([_LEGEND_PUBLISHED] if self.published else [])]
         lines = [head, *layout(rows, left=2), *legend]
         lines += [f"dropped: {d.walk_id} ({d.reason})" for d in self.report.dropped]
         return "\n".join([*lines, *(f"note: {note}" for note in self.report.notes)])
 
-    def _numbers(self) -> list[int]:
+    def numbers(self) -> list[int]:
         """Numbers of the tracks that were run."""
         numbers = {track_number(name) for name in self.tracks}
         return sorted(number for number in numbers if number is not None)
@@ -169,7 +173,7 @@ def run_kaist(options: KaistOptions, progress: Progress | None = None, *, engine
     report = Report(
         set_name=SET_NAME,
         scenario=Scenario.COLD,
-        aids=Aids.NONE,
+        aids=Aids(),
         through=Through.ENGINE,
         method=options.method,
         levels=(floor.name,),
@@ -206,23 +210,42 @@ def _survey(floor: KaistFloor, options: KaistOptions) -> PrepareTask:
 
 def _plot(report: KaistReport, floor: KaistFloor, prepared: PreparedLevel, folder: Path, progress: Progress) -> None:
     # matplotlib takes most of a second to import
-    from app.evaluation.plots import Backdrop, plot_errors, plot_report, plot_shares
+    from app.evaluation.distributions import plot_errors
+    from app.evaluation.plots import Backdrop, plot_report
 
     raster = None if prepared.grid_map is None else FieldRaster.of(prepared.grid_map)
     first = replace(report.report, walks=tuple(runs[0].result for runs in report.tracks.values()))
     plot_report(first, {floor.name: Backdrop(floor.extent, floor.plan_png_path, raster)}, folder, progress)
     plot_errors(report.report, folder / "errors.png")
-    curves = {f"{report.report.method}, {name}": [r.error_m for r in runs] for name, runs in report.devices.items()}
-    for one in report.published:
-        if one.map_step_m == HEADLINE_MAP_STEP_M:
-            curves[f"published: {one.method}, {one.particles} particles"] = one.error_m.tolist()
-    shares = {name: [error for error in errors if error is not None] for name, errors in curves.items()}
-    plot_shares(
-        {name: errors for name, errors in shares.items() if errors},
-        folder / "protocol.png",
+    _plot_protocol(report, floor, folder / "protocol.png")
+
+
+def _plot_protocol(report: KaistReport, floor: KaistFloor, path: Path) -> None:
+    """Errors of the runs by the source's protocol, the published runs, and the best of their figures as lines."""
+    from app.evaluation.distributions import COLOURS, Curve, Published, plot_curves
+
+    own = {f"{report.report.method}, {name}": [r.error_m for r in runs] for name, runs in report.devices.items()}
+    headline = [one for one in report.published if one.map_step_m == HEADLINE_MAP_STEP_M]
+    theirs = {f"published {one.method}, {one.particles} particles": one.error_m.tolist() for one in headline}
+    curves = [
+        Curve(f"{name} ({len(errors)} runs)", [np.inf if e is None else e for e in errors], colour, thin=name in theirs)
+        for (name, errors), colour in zip((own | theirs).items(), itertools.cycle(COLOURS), strict=False)
+    ]
+    figures = [_published_summary(one, report.numbers()) for one in headline]
+    best = min((one for one in figures if one.mean_all is not None), key=lambda one: one.mean_all or 0.0, default=None)
+    lines = []
+    if best is not None and best.mean_all is not None and best.converged_share is not None:
+        lines = [
+            Published(f"mean over all runs {best.mean_all:.2f} m", length_m=best.mean_all),
+            Published(f"converged {100 * best.converged_share:.0f} % of the runs", share=best.converged_share),
+        ]
+    plot_curves(
+        curves,
+        path,
         x_label="mean error of a run at its corners but the first two (m)",
         y_label="share of runs (%)",
         title=f"{SET_NAME} {floor.name}, cold, {report.n_runs} runs a track",
+        published=lines,
     )
 
 

@@ -36,7 +36,8 @@ class StepScores:
     travelled : m
         Distance walked since the first label.
     error : m
-        NaN where there was neither a fix nor a prior position.
+        NaN where there was neither a fix nor a prior position, infinite where the fix names another level: levels of a
+        building need not share a frame, and nobody is helped by the right x and y one storey up.
     answered : bool
         Whether there was a fix.
     inside : bool
@@ -96,6 +97,7 @@ def score_steps(
         sure[answered] = np.array([fix.sure for fix in ordered])[at]
         level_right[answered] = np.array([fix.level_id == level_id for fix in ordered])[at]
         located[answered] = np.array([fix.status is not Status.INSUFFICIENT for fix in ordered])[at]
+        error[answered & ~level_right] = np.inf
         inside[answered] = level_right[answered] & (mahalanobis2(dx, dy, [ordered[i] for i in at]) <= ELLIPSE95)
     return StepScores(t, truth.travelled[rows], error, answered, inside, sure, level_right, located)
 
@@ -131,8 +133,9 @@ def mahalanobis2(dx: Float64Array, dy: Float64Array, fixes: Sequence[Fix]) -> Fl
 class Summary:
     """The figures a user of the method asks for; None where nothing was scored. Lengths in metres, shares 0 to 1.
 
-    ``mean`` to ``p95`` pool all steps of all walks, ``end_*`` take the last step of each walk, ``sure_within_5m`` is
-    the share of the steps called sure whose error is at most 5 m (on the right level).
+    ``p50`` to ``p95`` pool all steps of all walks, ``end_*`` take the last step of each walk; a step on the wrong level
+    is farther off than any other, and a quantile among such steps is None. ``mean`` is that of the steps on the right
+    level. ``sure_within_5m`` is the share of the steps called sure whose error is at most 5 m (on the right level).
     """
 
     n_walks: int
@@ -151,22 +154,22 @@ class Summary:
 
     def as_dict(self) -> dict[str, int | float | None]:
         """Plain values for JSON, lengths and shares to four decimals."""
-        return {name: round(value, 4) if isinstance(value, float) else value for name, value in asdict(self).items()}
+        return _plain(self)
 
 
 def summarize(walks: Sequence[StepScores], segment_s: Sequence[float] = ()) -> Summary:
     """Summary of scored walks and of the wall-clock time per segment, s."""
     errors = np.concatenate([walk.error for walk in walks]) if walks else np.empty(0)
-    known = np.isfinite(errors)
-    ends = np.array([walk.error[-1] for walk in walks if len(walk) and np.isfinite(walk.error[-1])])
+    known = errors[~np.isnan(errors)]
+    ends = np.array([walk.error[-1] for walk in walks if len(walk) and not np.isnan(walk.error[-1])])
     answered = _pool(walks, "answered")
     sure = _pool(walks, "sure")
     near = (errors <= NEAR_M) & _pool(walks, "level_right")
-    p50, p75, p90, p95 = _quantiles(errors[known], (0.5, 0.75, 0.9, 0.95))
+    p50, p75, p90, p95 = _quantiles(known, (0.5, 0.75, 0.9, 0.95))
     end_p50, end_p90 = _quantiles(ends, (0.5, 0.9))
     return Summary(
         n_walks=len(walks),
-        mean=_mean(errors[known]),
+        mean=_mean(known[np.isfinite(known)]),
         p50=p50,
         p75=p75,
         p90=p90,
@@ -182,12 +185,38 @@ def summarize(walks: Sequence[StepScores], segment_s: Sequence[float] = ()) -> S
 
 
 @dataclass(frozen=True, slots=True)
+class Ends:
+    """Where walks end, lengths in metres. A walk that ends without an answer or on the wrong level ends nowhere near.
+
+    ``end_p50`` and ``end_p90`` are None, too, where so many walks end like that.
+    """
+
+    n_walks: int
+    end_within_5m: float | None
+    end_p50: float | None
+    end_p90: float | None
+
+    def as_dict(self) -> dict[str, int | float | None]:
+        """Plain values for JSON."""
+        return _plain(self)
+
+
+def ends_of(walks: Sequence[StepScores]) -> Ends:
+    """Ends of scored walks."""
+    last = np.array([walk.error[-1] for walk in walks if len(walk)])
+    ends = np.where(np.isnan(last), np.inf, last)
+    p50, p90 = _quantiles(ends, (0.5, 0.9))
+    return Ends(len(walks), _mean(ends <= NEAR_M), p50, p90)
+
+
+@dataclass(frozen=True, slots=True)
 class Confidence:
     """How soon and how rightly fixes are called sure (asked for in ``cold`` and ``venue``).
 
     ``first_sure_*`` are medians over the walks that got a sure fix (``n_sure_walks`` of ``n_walks``); the distance is
     walked, the time counted from the first sample. ``sure_wrong_share``: sure steps off by more than 10 m or on the
-    wrong level. ``level_hit_rate``: share of the answered steps on the right level. ``answered_share`` and
+    wrong level. ``level_hit_rate``: share of the answered steps on the right level; ``end_level_hit_rate`` and
+    ``sure_level_hit_rate`` the same of the answered ends and of the sure steps. ``answered_share`` and
     ``located_share``: steps with a fix, and with one that claims a position.
     """
 
@@ -197,12 +226,14 @@ class Confidence:
     first_sure_m: float | None
     sure_wrong_share: float | None
     level_hit_rate: float | None
+    end_level_hit_rate: float | None
+    sure_level_hit_rate: float | None
     answered_share: float | None
     located_share: float | None
 
     def as_dict(self) -> dict[str, int | float | None]:
         """Plain values for JSON."""
-        return {name: round(value, 4) if isinstance(value, float) else value for name, value in asdict(self).items()}
+        return _plain(self)
 
 
 def confidence(walks: Sequence[StepScores], start_t: Sequence[float]) -> Confidence:
@@ -219,6 +250,8 @@ def confidence(walks: Sequence[StepScores], start_t: Sequence[float]) -> Confide
         first_sure_m=_quantiles(np.array([walk.travelled[i] for walk, _, i in first]), (0.5,))[0],
         sure_wrong_share=_mean(wrong[sure]),
         level_hit_rate=_mean(level_right[answered]),
+        end_level_hit_rate=_mean(np.array([w.level_right[-1] for w in walks if len(w) and w.answered[-1]], dtype=bool)),
+        sure_level_hit_rate=_mean(level_right[sure]),
         answered_share=_mean(answered),
         located_share=_mean(_pool(walks, "located")),
     )
@@ -236,6 +269,19 @@ def _mean(values: NDArray[np.float64] | NDArray[np.bool_]) -> float | None:
 
 
 def _quantiles(values: Float64Array, levels: tuple[float, ...]) -> tuple[float | None, ...]:
-    if not len(values):
-        return (None,) * len(levels)
-    return tuple(float(q) for q in np.quantile(values, levels))
+    """Quantiles, linear between neighbours, of values that may be infinite; None where one is not finite."""
+    ordered = np.sort(values).tolist()
+    return tuple(_quantile(ordered, level) for level in levels) if ordered else (None,) * len(levels)
+
+
+def _quantile(ordered: Sequence[float], level: float) -> float | None:
+    position = level * (len(ordered) - 1)
+    low = math.floor(position)
+    value = ordered[low]
+    if position > low and math.isfinite(value):
+        value += (position - low) * (ordered[low + 1] - value)
+    return value if math.isfinite(value) else None
+
+
+def _plain(figures: Summary | Ends | Confidence) -> dict[str, int | float | None]:
+    return {name: round(value, 4) if isinstance(value, float) else value for name, value in asdict(figures).items()}

@@ -1,36 +1,32 @@
-"""Plots: one per walk over the floor plan, and the distribution of errors. Drawn off screen."""
+"""Plots: one per walk over the floor plan. Drawn off screen."""
 
 from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import to_rgb
-from matplotlib.figure import Figure
 from matplotlib.image import imread
 from matplotlib.patches import Ellipse
 
 from app.engine.types import Fix, Float64Array, Progress, Status
+from app.evaluation.distributions import BASELINE, FIXES, SMOOTHED, new_figure, plot_errors, save_figure
 from app.evaluation.drivers import FieldRaster
 from app.evaluation.metrics import ELLIPSE95, summarize
-from app.evaluation.report import Report, ScoredTrack, WalkResult
+from app.evaluation.report import Report
+from app.evaluation.results import ScoredTrack, WalkResult
 
-TRUTH, FIXES, BASELINE, SMOOTHED = "#111111", "#c2185b", "#8d8d8d", "#00796b"
-"""Colours; the field below runs from blue to yellow, so the tracks stay off that range."""
+TRUTH = "#111111"
 _FIELD_COLOURS = "viridis"
 _MARGIN_M = 8.0
 _SHORTEST_SIDE_M = 30.0
 _FLATTEST, _TALLEST = 0.45, 1.25
 """Height of a plot over its width."""
-_DPI = 110
-_WIDTH_IN = 9.0
-_CDF_TO_M = 15.0
 _ELLIPSE_EVERY_M = 4.0
 
 
@@ -58,7 +54,7 @@ def plot_report(report: Report, backdrops: Mapping[str, Backdrop], folder: Path,
 def plot_walk(walk: WalkResult, backdrop: Backdrop, path: Path, *, method: str = "fixes") -> Path:
     """Draw one walk: map field, truth, dead reckoning, fixes with their 95 % ellipses, smoothed track."""
     view = _view(walk)
-    figure, axes = _figure((view[3] - view[1]) / (view[2] - view[0]))
+    figure, axes = new_figure((view[3] - view[1]) / (view[2] - view[0]))
     _draw_backdrop(figure, axes, backdrop)
     if walk.baseline:
         x, y = _columns(walk.baseline.fixes)
@@ -84,52 +80,7 @@ def plot_walk(walk: WalkResult, backdrop: Backdrop, path: Path, *, method: str =
     )  # fmt: skip
     # below the plan: inside it would hide some walk
     figure.legend(loc="outside lower center", ncols=3, fontsize=8, frameon=False)
-    return _save(figure, path)
-
-
-def plot_errors(report: Report, path: Path) -> Path:
-    """Draw the distribution of the errors at the steps: method, dead reckoning and smoothed; all and covered."""
-    figure, axes = _figure(0.62)
-    for covered, style in ((False, "-"), (True, "--")):
-        walks = [walk for walk in report.walks if walk.covered or not covered]
-        tracks = (
-            (report.method, FIXES, [walk.causal for walk in walks]),
-            ("dead reckoning", BASELINE, [walk.baseline for walk in walks if walk.baseline]),
-            ("smoothed", SMOOTHED, [walk.smoothed for walk in walks if walk.smoothed]),
-        )
-        for name, colour, scored in tracks:
-            errors = np.sort(np.concatenate([track.scores.error for track in scored])) if scored else np.empty(0)
-            errors = errors[np.isfinite(errors)]
-            if not len(errors):
-                continue
-            share = np.arange(1, len(errors) + 1) / len(errors)
-            group = f"{'covered' if covered else 'all'}, {len(scored)} walks"
-            axes.plot(errors, 100 * share, color=colour, ls=style, lw=1.8, label=f"{name} ({group})")
-    axes.set(
-        xlim=(0, _CDF_TO_M), ylim=(0, 100), xlabel="horizontal error at a step (m)", ylabel="share of steps (%)",
-        title=f"{report.set_name}, {report.scenario}, aids {report.aids}, through {report.through}",
-    )  # fmt: skip
-    axes.grid(color="#dddddd", lw=0.6)
-    if axes.lines:
-        axes.legend(loc="lower right", fontsize=8)
-    return _save(figure, path)
-
-
-def plot_shares(curves: Mapping[str, Sequence[float]], path: Path, *, x_label: str, y_label: str, title: str) -> Path:
-    """Draw the distribution of some errors (m), one curve each; what lies off the right edge shows as a lower end."""
-    figure, axes = _figure(0.55)
-    for name, errors in curves.items():
-        ordered = np.sort(np.asarray(errors, dtype=np.float64))
-        share = np.arange(1, len(ordered) + 1) / len(ordered)
-        published = name.startswith("published")
-        axes.plot(
-            ordered[np.isfinite(ordered)], 100 * share[np.isfinite(ordered)],
-            ls="--" if published else "-", lw=1.2 if published else 2.0, label=f"{name} ({len(ordered)} runs)",
-        )  # fmt: skip
-    axes.set(xlim=(0, _CDF_TO_M), ylim=(0, 100), xlabel=x_label, ylabel=y_label, title=title)
-    axes.grid(color="#dddddd", lw=0.6)
-    axes.legend(loc="lower right", fontsize=8)
-    return _save(figure, path)
+    return save_figure(figure, path)
 
 
 def _draw_backdrop(figure: Any, axes: Any, backdrop: Backdrop) -> None:
@@ -156,7 +107,8 @@ def _draw_backdrop(figure: Any, axes: Any, backdrop: Backdrop) -> None:
 
 
 def _draw_fixes(axes: Any, walk: WalkResult, method: str) -> None:
-    fixes = walk.causal.fixes
+    # fixes on another level lie on another plan
+    fixes = tuple(fix for fix in walk.causal.fixes if fix.level_id == walk.level_id)
     x, y = _columns(fixes)
     axes.plot(x, y, color=FIXES, lw=0.8, alpha=0.7, zorder=8)
     claimed = np.array([fix.status is not Status.INSUFFICIENT for fix in fixes], dtype=bool)
@@ -213,7 +165,7 @@ def _columns(fixes: tuple[Fix, ...]) -> tuple[Float64Array, Float64Array]:
 
 def _view(walk: WalkResult) -> tuple[float, float, float, float]:
     """What to show: truth and fixes with a margin, not too narrow; a runaway baseline is cut off."""
-    fix_x, fix_y = _columns(walk.causal.fixes)
+    fix_x, fix_y = _columns(tuple(fix for fix in walk.causal.fixes if fix.level_id == walk.level_id))
     x = np.concatenate((walk.truth.x, walk.waypoints.x, fix_x))
     y = np.concatenate((walk.truth.y, walk.waypoints.y, fix_y))
     x_low, x_high, y_low, y_high = x.min(), x.max(), y.min(), y.max()
@@ -221,20 +173,6 @@ def _view(walk: WalkResult) -> tuple[float, float, float, float]:
     width, height = max(width, height / _TALLEST), max(height, width * _FLATTEST)
     x_mid, y_mid = (x_low + x_high) / 2, (y_low + y_high) / 2
     return (x_mid - width / 2, y_mid - height / 2, x_mid + width / 2, y_mid + height / 2)
-
-
-def _figure(height_by_width: float) -> tuple[Any, Any]:
-    # not pyplot: that keeps every figure in global state
-    height = height_by_width * _WIDTH_IN + 0.8
-    figure = Figure(figsize=(_WIDTH_IN, height), dpi=_DPI, layout="constrained")
-    FigureCanvasAgg(figure)
-    return figure, figure.add_subplot()
-
-
-def _save(figure: Any, path: Path) -> Path:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path)
-    return path
 
 
 def _file_name(walk_id: str) -> str:

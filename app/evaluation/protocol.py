@@ -4,7 +4,7 @@
 |---|---|
 | ``tracking`` | the first waypoint, displaced by up to 3 m; heading unknown |
 | ``cold`` | the level |
-| ``venue`` | the building: the map source holds all its evaluated levels, the prior names none |
+| ``venue`` | the building: the map source holds all its levels in the data folder, the prior names none |
 | ``pose`` | the first waypoint and the direction of the first leg (data sets whose published results had both) |
 """
 
@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 
 from app.engine.types import Float64Array, ImuSamples, MapBuildSettings, Prior, RadioScans, Segment
-from app.evaluation.datasets.walks import RecordedWalk
+from app.evaluation.datasets.walks import RadioLog, RecordedWalk
 from app.evaluation.errors import OptionsError
 
 SEGMENT_S = 5.0
@@ -30,6 +30,7 @@ LABEL_LEAD_S = 0.5
 POSE_RADIUS_M = 0.5
 POSE_HEADING_SD = 0.1
 """rad"""
+NO_AIDS = "none"
 
 
 class Scenario(StrEnum):
@@ -41,11 +42,27 @@ class Scenario(StrEnum):
     POSE = "pose"
 
 
-class Aids(StrEnum):
-    """What is sent beside the magnetometer and inertial samples."""
+@dataclass(frozen=True, slots=True)
+class Aids:
+    """What is sent beside the magnetometer and inertial samples, with survey walks and with segments."""
 
-    NONE = "none"
-    WIFI = "wifi"
+    wifi: bool = False
+    ble: bool = False
+
+    @classmethod
+    def parse(cls, text: str) -> Aids:
+        """From names separated by commas, or ``none``; raises :class:`OptionsError` for any other."""
+        names = {name.strip() for name in text.split(",") if name.strip()} - {NO_AIDS}
+        unknown = names - {"wifi", "ble"}
+        if unknown:
+            raise OptionsError("aids", f"knows no {', '.join(sorted(unknown))}; name {NO_AIDS}, wifi, ble or wifi,ble")
+        return cls(wifi="wifi" in names, ble="ble" in names)
+
+    def __bool__(self) -> bool:
+        return self.wifi or self.ble
+
+    def __str__(self) -> str:
+        return ",".join(name for name in ("wifi", "ble") if getattr(self, name)) or NO_AIDS
 
 
 class Through(StrEnum):
@@ -82,7 +99,7 @@ class EvaluationOptions:
     data: Path
     levels: tuple[str, ...] = ()
     scenario: Scenario = Scenario.TRACKING
-    aids: Aids = Aids.NONE
+    aids: Aids = Aids()
     through: Through = Through.ENGINE
     jobs: int = 1
     plots: Path | None = None
@@ -126,7 +143,7 @@ def make_trip(
     scenario: Scenario,
     *,
     venue_id: str = "",
-    aids: Aids = Aids.NONE,
+    aids: Aids = Aids(),
     repeat: int = 0,
 ) -> Trip:
     """The trip of a recorded walk under a scenario."""
@@ -137,7 +154,7 @@ def make_trip(
         venue_id=venue_id,
         prior=make_prior(walk, level_id, scenario, seed),
         seed=seed,
-        segments=cut_segments(walk, with_wifi=aids is Aids.WIFI),
+        segments=cut_segments(walk, aids),
     )
 
 
@@ -178,7 +195,7 @@ def _pose(walk: RecordedWalk, level_id: str) -> Prior:
     )
 
 
-def cut_segments(walk: RecordedWalk, *, with_wifi: bool) -> tuple[Segment, ...]:
+def cut_segments(walk: RecordedWalk, aids: Aids = Aids()) -> tuple[Segment, ...]:
     """Segments of ``SEGMENT_S``, from the first label on (the prior speaks of that moment)."""
     samples = walk.samples
     first = int(np.searchsorted(samples.t, walk.waypoints.t[0] - LABEL_LEAD_S))
@@ -186,8 +203,9 @@ def cut_segments(walk: RecordedWalk, *, with_wifi: bool) -> tuple[Segment, ...]:
     if not len(t):
         return ()
     edges = first + segment_edges(t)
+    wifi, ble = (walk.wifi_log if aids.wifi else None), (walk.ble_log if aids.ble else None)
     return tuple(
-        Segment(_rows(samples, slice(a, b)), _wifi(walk, a, b) if with_wifi else None)
+        Segment(_rows(samples, slice(a, b)), wifi=_heard(wifi, samples.t, a, b), ble=_heard(ble, samples.t, a, b))
         for a, b in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True)
     )
 
@@ -204,9 +222,9 @@ def _rows(samples: ImuSamples, rows: slice) -> ImuSamples:
     return ImuSamples(samples.t[rows], samples.mag[rows], samples.acc[rows], samples.gyro[rows])
 
 
-def _wifi(walk: RecordedWalk, start: int, end: int) -> RadioScans | None:
-    """Wi-Fi readings that the phone had reported by the end of the segment, and not before its start."""
-    if walk.wifi_log is None:
+def _heard(log: RadioLog | None, t: Float64Array, start: int, end: int) -> RadioScans | None:
+    """Readings that the phone had reported by the end of the segment, and not before its start."""
+    if log is None:
         return None
-    after = -math.inf if start == 0 else float(walk.samples.t[start - 1])
-    return walk.wifi_log.between(after, float(walk.samples.t[end - 1]))
+    after = -math.inf if start == 0 else float(t[start - 1])
+    return log.between(after, float(t[end - 1]))

@@ -15,7 +15,7 @@ from app.evaluation.metrics import StepScores, Summary, score_steps, summarize
 from app.evaluation.pool import map_tasks, process_pool
 from app.evaluation.protocol import Aids, Scenario
 from app.evaluation.replay import CreateTracker, EngineJob, Job, replay_in_engine
-from app.evaluation.report import Dropped, ScoredTrack, WalkResult
+from app.evaluation.results import Dropped, ScoredTrack, WalkResult
 from app.evaluation.truth import SurveyedArea
 
 RUNS_A_JOB = 10
@@ -117,7 +117,7 @@ class Bench:
         """Work orders for ``runs`` runs of each walk."""
         tasks = []
         for walk in walks:
-            job = Job(self.level, self.level, "", (walk,), self.area, scenario, Aids.NONE, 0)
+            job = Job(self.level, self.level, "", (walk,), self.area, scenario, Aids(), 0)
             maps = {self.level: self.grid_map}
             work = EngineJob(job, maps, self.method, self.parameters, self.create_tracker)
             tasks += [

@@ -12,7 +12,7 @@ from app.evaluation.datasets.walks import RecordedWalk
 from app.evaluation.drivers import Driver, EngineDriver, GridMaps, Smoother
 from app.evaluation.metrics import interpolate_fixes, score_steps
 from app.evaluation.protocol import Aids, Scenario, Trip, make_trip
-from app.evaluation.report import BASELINE, Dropped, ScoredTrack, WalkResult
+from app.evaluation.results import BASELINE, Dropped, ScoredTrack, WalkResult
 from app.evaluation.truth import MIN_STEPS, SurveyedArea, truth_at_steps
 
 CreateTracker = Callable[[str, Mapping[str, object]], Tracker]
@@ -96,6 +96,7 @@ def _replay_walk(
     result = WalkResult(
         walk_id=walk.walk_id,
         level=job.level,
+        level_id=job.level_id,
         covered_share=job.area.share_covered(truth),
         length_m=walk.path_length_m,
         start_t=trip.start_t,
@@ -126,8 +127,8 @@ def _with_smoothed(
     return replace(result, smoothed=ScoredTrack(tuple(fixes), scores))
 
 
-def wifi_is_used(work: EngineJob) -> bool:
-    """Whether the method's answers change when it gets the walks' Wi-Fi readings.
+def aids_change_answers(work: EngineJob) -> bool:
+    """Whether the method's answers change when it gets the walks' readings.
 
     Asked of the method itself, by replaying the job's walks with and without: a report must not claim an aid that
     was only carried along.
@@ -138,7 +139,7 @@ def wifi_is_used(work: EngineJob) -> bool:
             driver.replay(
                 make_trip(walk, work.job.level_id, work.job.scenario, aids=aids, repeat=work.job.repeat)
             ).fixes
-            for aids in (Aids.NONE, Aids.WIFI)
+            for aids in (Aids(), work.job.aids)
         ]
         if answers[0] != answers[1]:
             return True

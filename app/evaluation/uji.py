@@ -21,8 +21,10 @@ from app.evaluation.metrics import Summary, summarize
 from app.evaluation.prepare import PreparedLevel, PrepareTask
 from app.evaluation.protocol import Aids, Scenario, Through
 from app.evaluation.repeats import Bench, Run, failures_of, first_fixes, replay_all
-from app.evaluation.report import Dropped, MapNote, Report, layout, length_cell, percent_cell
-from app.evaluation.run import Engine, check_method, default_engine
+from app.evaluation.report import MapNote, Report
+from app.evaluation.results import Dropped
+from app.evaluation.tables import layout, length_cell, percent_cell
+from app.evaluation.through_engine import Engine, check_method, default_engine
 
 SET_NAME = "uji"
 PUBLISHED_MEAN_M = 4.05
@@ -165,7 +167,7 @@ def _report(
     return Report(
         set_name=SET_NAME,
         scenario=scenario,
-        aids=Aids.NONE,
+        aids=Aids(),
         through=Through.ENGINE,
         method=method,
         levels=(LEVEL,),
@@ -179,17 +181,26 @@ def _report(
 
 def _plot(report: UjiReport, prepared: PreparedLevel, folder: Path) -> None:
     # matplotlib takes most of a second to import
-    from app.evaluation.plots import Backdrop, plot_errors, plot_report
+    from app.evaluation.distributions import Published, plot_errors
+    from app.evaluation.plots import Backdrop, plot_report
 
     if prepared.grid_map is None:
         return
     backdrop = Backdrop(prepared.grid_map.extent, None, FieldRaster.of(prepared.grid_map))
+    lines = (
+        Published(f"mean error {PUBLISHED_MEAN_M:.2f} m", length_m=PUBLISHED_MEAN_M),
+        Published(
+            f"mean error of dead reckoning {PUBLISHED_DEAD_RECKONING_MEAN_M:.2f} m",
+            length_m=PUBLISHED_DEAD_RECKONING_MEAN_M,
+        ),
+    )
     for one in (report.pose, report.cold):
         first = tuple(run.result for run in one.runs if run.number == 0)
         below = folder / one.report.scenario.value
         plot_report(replace(one.report, walks=first), {LEVEL: backdrop}, below, lambda _fraction, _what: None)
         if one.runs:
-            plot_errors(one.report, below / "errors.png")
+            # what was published assumes the start pose
+            plot_errors(one.report, below / "errors.png", lines if one is report.pose else ())
 
 
 _HEADER = (

@@ -162,6 +162,31 @@ def test_evaluates_through_a_running_service(service: Service, tmp_path: Path) -
     assert content["walks"][0]["failures"] == []
 
 
+def test_evaluates_a_building_and_draws_the_reports(service: Service, tmp_path: Path) -> None:
+    report, picture = tmp_path / "report.json", tmp_path / "errors.png"
+    service.isodyn(
+        "evaluate", "ilc20", "--data", "maps/samples", "--scenario", "venue", "--aids", "wifi", "--through", "http",
+        "--limit", "2", "--json", report, "--url", service.url, "--key", service.key,
+    )  # fmt: skip
+    content = json.loads(report.read_text())
+    assert (content["scenario"], content["aids"], content["levels"].keys()) == ("venue", "wifi", {"site1-F2"})
+    assert content["confidence"]["all"]["level_hit_rate"] == 1.0  # the building of the sample has one level
+    with service.client() as client:
+        newest = next(iter(client.sessions()))
+        assert (newest.level_id, len(newest.maps)) == (None, 1)
+    assert run("evaluate", "plot", str(report), "--out", str(picture)).exit_code == 0
+    assert picture.stat().st_size > 5000
+
+
+def test_a_file_that_is_no_report_is_named(tmp_path: Path) -> None:
+    file = tmp_path / "other.json"
+    for content, said in (("[1]", "is not a report"), ("{", "is not a report"), ('{"set": "x"}', "lacks aids")):
+        file.write_text(content)
+        result = run("evaluate", "plot", str(file))
+        assert result.exit_code == 1
+        assert said in result.output.replace("\n", "")
+
+
 def test_keys_are_made_listed_and_revoked(service: Service) -> None:
     secret = service.isodyn("keys", "create", "a phone", "--scope", "locate").stdout.strip()
     assert secret.startswith("isk_")

@@ -32,7 +32,7 @@ from app.evaluation.drivers import FieldRaster, LevelUpload
 from app.evaluation.errors import TransportError
 from app.evaluation.prepare import PreparedLevel, PrepareTask, surveyed_area
 from app.evaluation.protocol import Trip
-from app.evaluation.run import Engine
+from app.evaluation.through_engine import Engine
 
 START_MS = 1_574_568_594_892
 PACE_S = 0.55
@@ -76,6 +76,7 @@ def write_level(
     walks: Sequence[RecordedWalk],
     *,
     wifi: Mapping[str, Sequence[tuple[int, str, int, int]]] | None = None,
+    ble: Mapping[str, Sequence[tuple[int, str, int]]] | None = None,
 ) -> None:
     """Write walks in the ilc20 folder format (only the required columns and files)."""
     folder.mkdir(parents=True)
@@ -107,6 +108,10 @@ def write_level(
         rows = [(walk_id, *row) for walk_id, scans in wifi.items() for row in scans]
         names = ("trace_id", "t", "bssid", "rssi", "age_ms")
         pq.write_table(pa.table({n: [row[i] for row in rows] for i, n in enumerate(names)}), folder / "wifi.parquet")
+    if ble is not None:
+        rows = [(walk_id, *row) for walk_id, heard in ble.items() for row in heard]
+        names = ("trace_id", "t", "key", "rssi")
+        pq.write_table(pa.table({n: [row[i] for row in rows] for i, n in enumerate(names)}), folder / "beacon.parquet")
 
 
 def flat_map(level_id: str) -> GridMap:
@@ -132,7 +137,7 @@ class DriftingTracker:
     """One fix a second that walks along +x from the prior and strays at random; the state carries the seed."""
 
     pace: float = STRIDE_M / PACE_S
-    hears_wifi: bool = False
+    hears: bool = False
 
     def start(self, prior: Prior, *, seed: int) -> TrackerState:
         if prior.x is None:
@@ -148,7 +153,7 @@ class DriftingTracker:
         fixes = []
         for t in np.arange(segment.samples.t[0], segment.samples.t[-1], 1.0):
             x += self.pace + rng.normal(0.0, 0.1)
-            y += rng.normal(0.0, 0.1) + (0.5 if self.hears_wifi and segment.wifi else 0.0)
+            y += rng.normal(0.0, 0.1) + (0.5 if self.hears and (segment.wifi or segment.ble) else 0.0)
             fixes.append(fix(float(t), x, y, sd=2.0, level=level))
         payload = json.dumps([level, x, y, int(rng.integers(2**62))]).encode()
         return TrackerState("drifting", payload, float(segment.samples.t[-1])), tuple(fixes)
@@ -207,7 +212,7 @@ def no_warm_up() -> None:
 
 def smooth_to_one_place(tracker: object, trip: Trip, map_source: MapSource) -> tuple[Fix, ...]:
     """Stands for a smoother: the whole trip at one place."""
-    return (fix(trip.start_t, 10.0, 2.0),)
+    return (fix(trip.start_t, 10.0, 2.0, level=trip.level_id),)
 
 
 def refuse_to_smooth(tracker: object, trip: Trip, map_source: MapSource) -> tuple[Fix, ...]:
@@ -227,6 +232,8 @@ class FakeService:
     built: set[str] = field(default_factory=set)
     sessions: dict[str, tuple[DriftingTracker, TrackerState, int]] = field(default_factory=dict)
     methods: list[str] = field(default_factory=list)
+    venues: list[str] = field(default_factory=list)
+    located: list[Segment] = field(default_factory=list)
     closed: int = 0
 
     def add_level(self, level: LevelUpload) -> str:
@@ -249,10 +256,10 @@ class FakeService:
         return f"ven_{self.levels[int(level_id.removeprefix('lvl_')) - 1].site}"
 
     def open_session(self, prior: Prior, venue_id: str, *, method: str, parameters: Mapping[str, object]) -> str:
-        assert prior.level_id in self.built
         tracker = DriftingTracker(**parameters)  # type: ignore[arg-type]
         name = f"ses_{len(self.sessions)}"
-        self.sessions[name] = (tracker, tracker.start(prior, seed=len(self.sessions)), 0)
+        self.sessions[name] = (tracker, tracker.start(self._told(prior, venue_id), seed=len(self.sessions)), 0)
+        self.venues.append(venue_id)
         self.methods.append(method)
         return name
 
@@ -270,6 +277,21 @@ class FakeService:
 
     def close_session(self, session_id: str) -> None:
         self.closed += 1
+
+    def locate(
+        self, prior: Prior, venue_id: str, segment: Segment, *, method: str, parameters: Mapping[str, object]
+    ) -> Sequence[Fix]:
+        self.located.append(segment)
+        tracker = DriftingTracker(**parameters)  # type: ignore[arg-type]
+        return tracker.step(tracker.start(self._told(prior, venue_id), seed=1), segment, MapsOf(tuple(self.built)))[1]
+
+    def _told(self, prior: Prior, venue_id: str) -> Prior:
+        """The drifting tracker needs a place: in a venue it is told the highest level and a corner of it."""
+        if prior.level_id is not None:
+            assert prior.level_id in self.built
+            return prior
+        mapped = [level_id for level_id in sorted(self.built) if self.venue_of(level_id) == venue_id]
+        return Prior(mapped[-1], 0.0, 2.0)
 
 
 @dataclass(frozen=True)

@@ -14,9 +14,11 @@ from app.engine.types import Prior, Status
 from app.evaluation.metrics import (
     ELLIPSE95,
     Confidence,
+    Ends,
     StepScores,
     Summary,
     confidence,
+    ends_of,
     interpolate_fixes,
     mahalanobis2,
     score_steps,
@@ -140,6 +142,35 @@ def test_a_sure_fix_on_the_wrong_level_is_not_near() -> None:
     assert summarize([step_scores([1.0, 1.0], right=[True, False])]).sure_within_5m == 0.5
 
 
+def test_a_fix_on_a_wrong_level_is_farther_off_than_any_other() -> None:
+    fixes = [fix(5.0, 5.0), fix(6.0, 6.0, level="another"), fix(9.0, 9.0)]
+    result = scores(fixes)
+    np.testing.assert_array_equal(result.error, [0.0, math.inf, math.inf, math.inf, 0.0, 1.0])
+    np.testing.assert_array_equal(result.level_right, [True, False, False, False, True, True])
+    summary = summarize([result])
+    assert (summary.mean, summary.p50, summary.p75, summary.end_p50) == (pytest.approx(1 / 3), None, None, 1.0)
+    assert summary.sure_within_5m == 0.5
+
+
+def test_quantiles_stay_known_up_to_the_wrong_levels() -> None:
+    walk = step_scores([1.0, 2.0, 3.0, math.inf, math.inf])
+    assert summarize([walk]).p50 == 3.0
+    assert summarize([step_scores([1.0, 2.0, math.inf, math.inf])]).p50 is None  # half way to nowhere
+
+
+def test_ends_count_those_that_end_nowhere() -> None:
+    walks = [step_scores([9.0, error]) for error in (1.0, 4.0, 6.0, math.inf, math.nan)]
+    assert ends_of(walks) == Ends(n_walks=5, end_within_5m=0.4, end_p50=6.0, end_p90=None)
+    assert ends_of([]).as_dict() == {"n_walks": 0, "end_within_5m": None, "end_p50": None, "end_p90": None}
+
+
+@given(st.lists(st.floats(0, 100), min_size=1, max_size=40))
+def test_quantiles_are_those_of_numpy(errors: list[float]) -> None:
+    found = summarize([step_scores(errors)])
+    expected = np.quantile(errors, [0.5, 0.75, 0.9, 0.95])
+    np.testing.assert_allclose([found.p50, found.p75, found.p90, found.p95], expected, atol=1e-12)
+
+
 def test_nothing_gives_none() -> None:
     values = summarize([]).as_dict()
     assert values.pop("n_walks") == 0
@@ -154,7 +185,8 @@ def test_confidence_of_the_sure_flags() -> None:
     ]
     assert confidence(walks, [0.0, 2.0, 0.0]) == Confidence(
         n_walks=3, n_sure_walks=2, first_sure_s=pytest.approx(4.5), first_sure_m=pytest.approx(1.0),
-        sure_wrong_share=0.5, level_hit_rate=pytest.approx(5 / 6), answered_share=1.0, located_share=1.0,
+        sure_wrong_share=0.5, level_hit_rate=pytest.approx(5 / 6), end_level_hit_rate=pytest.approx(2 / 3),
+        sure_level_hit_rate=0.75, answered_share=1.0, located_share=1.0,
     )  # fmt: skip
 
 

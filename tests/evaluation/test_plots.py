@@ -11,11 +11,13 @@ import pytest
 from PIL import Image
 
 from app.engine.types import Prior, Status
+from app.evaluation.distributions import plot_errors
 from app.evaluation.drivers import FieldRaster
 from app.evaluation.metrics import score_steps
-from app.evaluation.plots import Backdrop, ellipse95, plot_errors, plot_report, plot_walk
+from app.evaluation.plots import Backdrop, ellipse95, plot_report, plot_walk
 from app.evaluation.protocol import Aids, Scenario, Through
-from app.evaluation.report import Report, ScoredTrack, WalkResult
+from app.evaluation.report import Report
+from app.evaluation.results import ScoredTrack, WalkResult
 from app.evaluation.truth import WalkTruth
 from tests.evaluation.fakes import fix, flat_map, straight_walk
 
@@ -33,16 +35,16 @@ def result(walk_id: str = "a/b", **changes) -> WalkResult:
         return ScoredTrack(own, score_steps(truth, own, start_t=0.0, level_id="site-F1", prior=prior))
 
     values = {
-        "walk_id": walk_id, "level": "site-F1", "covered_share": 0.9, "length_m": 26.0, "start_t": 0.0, "end_t": 20.0,
-        "prior": prior, "waypoints": straight_walk().waypoints, "truth": truth, "causal": track(fixes),
-        "n_segments": 1,
-        "segment_s": (0.01,), "baseline": track(fixes[::2]), "smoothed": track(fixes[::3]),
+        "walk_id": walk_id, "level": "site-F1", "level_id": "site-F1", "covered_share": 0.9, "length_m": 26.0,
+        "start_t": 0.0, "end_t": 20.0, "prior": prior, "waypoints": straight_walk().waypoints, "truth": truth,
+        "causal": track(fixes), "baseline": track(fixes[::2]), "smoothed": track(fixes[::3]), "n_segments": 1,
+        "segment_s": (0.01,),
     }  # fmt: skip
     return WalkResult(**(values | changes))
 
 
 def report(*walks: WalkResult) -> Report:
-    return Report("ilc20", Scenario.TRACKING, Aids.NONE, Through.ENGINE, "particle", ("site-F1",), walks)
+    return Report("ilc20", Scenario.TRACKING, Aids(), Through.ENGINE, "particle", ("site-F1",), walks)
 
 
 def colours(path: Path) -> int:
@@ -65,6 +67,18 @@ def test_a_walk_without_any_fix_is_drawn(tmp_path: Path) -> None:
     nothing = ScoredTrack((), score_steps(truth, (), start_t=0.0, level_id="site-F1"))
     plot_walk(result(causal=nothing), Backdrop((0, 0, 60, 40)), tmp_path / "none.png")
     plot_errors(report(result(causal=nothing, baseline=None, smoothed=None)), tmp_path / "errors.png")
+
+
+def test_fixes_on_another_level_are_not_drawn_on_this_plan(tmp_path: Path) -> None:
+    whole = result()
+    elsewhere = tuple(replace(one, level_id="site-F2", x=400.0) for one in whole.causal.fixes[10:])
+    mixed = replace(whole.causal, fixes=(*whole.causal.fixes[:10], *elsewhere))
+    half = replace(whole.causal, fixes=whole.causal.fixes[:10])
+    drawn = [
+        plot_walk(replace(whole, causal=track), Backdrop((0, 0, 60, 40)), tmp_path / f"{name}.png").read_bytes()
+        for name, track in (("mixed", mixed), ("half", half))
+    ]
+    assert drawn[0] == drawn[1]
 
 
 def test_one_file_a_walk_and_one_of_errors(tmp_path: Path) -> None:

@@ -14,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from app.engine.types import Prior, RadioScans
-from app.evaluation.datasets.ilc20 import WifiLog
+from app.evaluation.datasets.ilc20 import RadioLog
 from app.evaluation.errors import OptionsError
 from app.evaluation.protocol import (
     Aids,
@@ -71,7 +71,7 @@ def test_other_scenarios_tell_no_position() -> None:
 
 
 def test_segments_hold_every_sample_once_and_in_order() -> None:
-    segments = cut_segments(WALK, with_wifi=False)
+    segments = cut_segments(WALK)
     for name in ("t", "mag", "acc", "gyro"):
         joined = np.concatenate([getattr(s.samples, name) for s in segments])
         np.testing.assert_array_equal(joined, getattr(WALK.samples, name))
@@ -79,9 +79,9 @@ def test_segments_hold_every_sample_once_and_in_order() -> None:
 
 
 def test_a_short_remainder_joins_the_segment_before() -> None:
-    assert len(cut_segments(straight_walk(duration_s=10.9), with_wifi=False)) == 2
-    assert len(cut_segments(straight_walk(duration_s=11.2), with_wifi=False)) == 3
-    assert len(cut_segments(straight_walk(duration_s=0.5), with_wifi=False)) == 1
+    assert len(cut_segments(straight_walk(duration_s=10.9))) == 2
+    assert len(cut_segments(straight_walk(duration_s=11.2))) == 3
+    assert len(cut_segments(straight_walk(duration_s=0.5))) == 1
 
 
 @given(st.lists(st.floats(0.001, 20.0), min_size=0, max_size=80), st.floats(0, 1.6e9))
@@ -106,12 +106,45 @@ def test_replay_begins_at_the_first_label() -> None:
 def test_wifi_goes_along_only_when_asked_and_never_early() -> None:
     start = WALK.samples.t[0]
     reported = start + np.array([0.5, 4.97, 5.5, 12.0, 22.0])
-    log = WifiLog(RadioScans(reported - 0.4, ("a", "b", "c", "d", "e"), np.full(5, -60.0)), reported)
+    log = RadioLog(RadioScans(reported - 0.4, ("a", "b", "c", "d", "e"), np.full(5, -60.0)), reported)
     walk = replace(WALK, wifi_log=log)
     assert all(s.wifi is None for s in make_trip(walk, "l", Scenario.TRACKING).segments)
-    segments = make_trip(walk, "l", Scenario.TRACKING, aids=Aids.WIFI).segments
+    segments = make_trip(walk, "l", Scenario.TRACKING, aids=Aids(wifi=True)).segments
     assert [s.wifi.address if s.wifi else () for s in segments] == [("a", "b"), ("c",), ("d",), (), ("e",)]
-    assert all(s.wifi is None for s in make_trip(WALK, "l", Scenario.TRACKING, aids=Aids.WIFI).segments)
+    assert all(s.wifi is None for s in make_trip(WALK, "l", Scenario.TRACKING, aids=Aids(wifi=True)).segments)
+
+
+def test_each_aid_goes_along_only_when_asked() -> None:
+    heard = WALK.samples.t[0] + np.array([0.5, 12.0])
+    ble = RadioLog(RadioScans(heard, ("beacon", "other"), np.full(2, -80.0)), heard)
+    wifi = RadioLog(RadioScans(heard, ("ap", "other ap"), np.full(2, -60.0)), heard)
+    walk = replace(WALK, wifi_log=wifi, ble_log=ble)
+    for aids in (Aids(), Aids(wifi=True), Aids(ble=True), Aids(wifi=True, ble=True)):
+        first = make_trip(walk, "l", Scenario.TRACKING, aids=aids).segments[0]
+        assert (first.wifi.address if first.wifi else None) == (("ap",) if aids.wifi else None)
+        assert (first.ble.address if first.ble else None) == (("beacon",) if aids.ble else None)
+
+
+@pytest.mark.parametrize(
+    ("text", "aids"),
+    [
+        ("none", Aids()),
+        ("", Aids()),
+        ("wifi", Aids(wifi=True)),
+        ("ble", Aids(ble=True)),
+        ("wifi,ble", Aids(wifi=True, ble=True)),
+        (" ble , wifi", Aids(wifi=True, ble=True)),
+    ],
+)
+def test_aids_by_name(text: str, aids: Aids) -> None:
+    assert Aids.parse(text) == aids
+    assert Aids.parse(str(aids)) == aids
+    assert bool(aids) == (aids != Aids())
+
+
+def test_unknown_aids_are_named() -> None:
+    with pytest.raises(OptionsError, match="knows no lidar; name none, wifi, ble or wifi,ble"):
+        Aids.parse("wifi,lidar")
 
 
 @pytest.mark.parametrize("wrong", [{"jobs": 0}, {"limit": 0}])

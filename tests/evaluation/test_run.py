@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 
+from app.engine.types import Prior
 from app.evaluation.drivers import smooth_in_engine
 from app.evaluation.errors import DataSetError, OptionsError
 from app.evaluation.protocol import Aids, EvaluationOptions, Scenario, Through, make_trip
@@ -182,8 +183,25 @@ def test_failed_segments_are_counted(data: Path) -> None:
 
 
 def test_wifi_that_changes_nothing_is_not_called_used(data: Path) -> None:
-    assert run(data, aids=Aids.WIFI).to_dict()["aids_used"] is False
-    assert run(data, aids=Aids.WIFI, parameters={"hears_wifi": True}).to_dict()["aids_used"] is True
+    assert run(data, aids=Aids(wifi=True)).to_dict()["aids_used"] is False
+    used = run(data, aids=Aids(wifi=True), parameters={"hears": True}).to_dict()
+    assert (used["aids"], used["aids_used"]) == ("wifi", True)
+    assert run(data, aids=Aids(ble=True), parameters={"hears": True}).to_dict()["aids_used"] is False  # none recorded
+
+
+@pytest.mark.parametrize("aids", [Aids(), Aids(wifi=True), Aids(ble=True)], ids=str)
+def test_survey_walks_carry_the_readings_that_are_aids(tmp_path: Path, aids: Aids) -> None:
+    survey = straight_walk("s", split="train")
+    heard = {"s": [(1000, "beacon", -80)]}
+    write_level(tmp_path / "x-F1", [survey, straight_walk("a")], wifi={"s": [(1000, "ap", -60, 0)]}, ble=heard)
+    seen: list[tuple[bool, bool]] = []
+
+    def prepare(task):
+        seen.extend((walk.wifi is not None, walk.ble is not None) for walk in task.walks)
+        return FAKE_ENGINE.prepare(task)
+
+    run(tmp_path, aids=aids, engine=replace(FAKE_ENGINE, prepare=prepare))
+    assert seen == [(aids.wifi, aids.ble)]
 
 
 def test_smoothed_tracks_stand_beside_the_causal_ones(data: Path) -> None:
@@ -233,11 +251,12 @@ def test_through_a_service(data: Path, tmp_path: Path) -> None:
     service = FakeService()
     report = run(
         data, levels=("x-F1", "x-F2"), through=Through.HTTP, transport=service, jobs=2, plots=tmp_path,
-        parameters={"pace": 1.0}, aids=Aids.WIFI,
+        parameters={"pace": 1.0, "hears": True}, aids=Aids(wifi=True),
     )  # fmt: skip
     result = report.to_dict()
-    assert (result["through"], result["status"], result["aids_used"]) == ("http", "ok", None)
-    assert "cannot be seen" in result["notes"][0]
+    assert (result["through"], result["status"], result["aids_used"]) == ("http", "ok", True)
+    assert [segment.wifi is not None for segment in service.located] == [False, True]  # one walk told it
+    assert service.located[0].samples.t[-1] - service.located[0].samples.t[0] > 20.0
     assert [(lvl.site, lvl.name, lvl.ordinal) for lvl in service.levels] == [("x", "F1", 0), ("x", "F2", 1)]
     assert service.walks == {"lvl_1": 1, "lvl_2": 1}
     assert service.closed == len(service.sessions) == 6  # each walk also by dead reckoning
@@ -246,11 +265,18 @@ def test_through_a_service(data: Path, tmp_path: Path) -> None:
     assert (tmp_path / "x-F1" / "a.png").stat().st_size > 5000
 
 
-def test_a_service_that_knows_no_venue_scenario_is_insufficient(data: Path) -> None:
-    report = run(data, scenario=Scenario.VENUE, through=Through.HTTP, transport=FakeService())
-    assert report.status is RunStatus.INSUFFICIENT
-    assert report.to_dict()["overall"]["all"]["n_walks"] == 0
-    assert "unknown level" in report.table()
+def test_a_building_through_a_service_is_one_venue_of_all_its_levels(data: Path) -> None:
+    service = FakeService()
+    report = run(data, levels=("x-F2",), scenario=Scenario.VENUE, through=Through.HTTP, transport=service)
+    result = report.to_dict()
+    assert [(one.site, one.name) for one in service.levels] == [("x", "F1"), ("x", "F2")]
+    assert service.built == {"lvl_1", "lvl_2"}
+    assert service.venues == ["ven_x"]
+    assert [walk["walk_id"] for walk in result["walks"]] == ["b"]
+    assert result["confidence"]["all"]["level_hit_rate"] == 1.0  # the stand-in says the highest level
+    assert set(result["maps"]) == {"x-F1", "x-F2"}
+    other = run(data, levels=("x-F1",), scenario=Scenario.VENUE, through=Through.HTTP, transport=FakeService())
+    assert other.to_dict()["confidence"]["all"]["level_hit_rate"] == 0.0
 
 
 def test_tables_are_aligned(data: Path) -> None:
@@ -285,8 +311,9 @@ def test_times_are_relative_to_the_walk_however_late_it_was_recorded(tmp_path: P
         (Scenario.VENUE, {("x-F1", "x-F2")}),
     ],
 )
+@pytest.mark.parametrize("levels", [(), ("x-F1", "x-F2")])
 def test_only_the_venue_scenario_offers_the_other_levels(
-    data: Path, scenario: Scenario, offered: set[tuple[str, ...]]
+    data: Path, scenario: Scenario, offered: set[tuple[str, ...]], levels: tuple[str, ...]
 ) -> None:
     seen: set[tuple[str, ...]] = set()
 
@@ -295,5 +322,59 @@ def test_only_the_venue_scenario_offers_the_other_levels(
             seen.add(map_source.level_ids())
             return super().step(state, segment, map_source)
 
-    run(data, scenario=scenario, engine=replace(FAKE_ENGINE, create_tracker=lambda name, parameters: Curious()))
+    engine = replace(FAKE_ENGINE, create_tracker=lambda name, parameters: Curious())
+    run(data, levels=levels, scenario=scenario, engine=engine)
     assert seen == offered
+
+
+def test_levels_of_a_building_that_are_not_evaluated_are_offered_all_the_same(data: Path) -> None:
+    seen: set[tuple[str, ...]] = set()
+
+    class Curious(ClueLessTracker):
+        def step(self, state, segment, map_source):
+            seen.add(map_source.level_ids())
+            return super().step(state, segment, map_source)
+
+    engine = replace(FAKE_ENGINE, create_tracker=lambda name, parameters: Curious())
+    report = run(data, levels=("x-F2",), scenario=Scenario.VENUE, engine=engine)
+    assert seen == {("x-F1", "x-F2")}
+    assert (report.levels, [walk.walk_id for walk in report.walks]) == (("x-F2",), ["b"])
+
+
+def test_a_fix_on_a_wrong_level_is_wrong_wherever_it_lies(data: Path) -> None:
+    class Stubborn(DriftingTracker):
+        """Knows the way, and says the building's lowest level."""
+
+        def start(self, prior, *, seed):
+            assert prior.level_id is None
+            return super().start(Prior("x-F1", 0.0, 2.0), seed=seed)
+
+    engine = replace(FAKE_ENGINE, create_tracker=lambda name, parameters: Stubborn())
+    report = run(data, scenario=Scenario.VENUE, engine=engine)
+    right, wrong = (next(w for w in report.walks if w.walk_id == name).as_dict() for name in ("a", "b"))
+    assert right["p90"] < 5.0
+    assert (right["level_hit_rate"], right["end_level_right"]) == (1.0, True)
+    assert (wrong["level_hit_rate"], wrong["end_level_right"]) == (0.0, False)
+    assert (wrong["p50"], wrong["end"], wrong["mean"], wrong["sure_within_5m"]) == (None, None, None, 0.0)
+    assert set(wrong["errors_m"]) == {None}
+    result = report.to_dict()
+    assert result["overall"]["covered"]["end_within_5m"] == 0.5
+    found = result["confidence"]["covered"]
+    assert found["end_level_hit_rate"] == 0.5
+    assert 0.5 < found["level_hit_rate"] < 0.8
+    assert found["sure_level_hit_rate"] == found["level_hit_rate"]
+    assert "covered walks on the right level: " in report.table()
+
+
+def test_the_ends_of_long_walks_are_reported_by_themselves(tmp_path: Path) -> None:
+    survey = straight_walk("s", split="train", duration_s=45.0)
+    off = straight_walk("off", y=30.0, duration_s=45.0)
+    write_level(tmp_path / "x-F1", [survey, straight_walk("short"), straight_walk("long", duration_s=45.0), off])
+    report = run(tmp_path)
+    ends = report.to_dict()["long_walks"]
+    assert ends["min_duration_s"] == 40.0
+    assert (ends["overall"]["all"]["n_walks"], ends["overall"]["covered"]["n_walks"]) == (2, 1)
+    assert ends["levels"]["x-F1"]["covered"] == ends["overall"]["covered"]
+    (long,) = (walk for walk in report.walks if walk.walk_id == "long")
+    assert ends["overall"]["covered"]["end_p50"] == pytest.approx(long.as_dict()["end"], abs=1e-3)
+    assert "covered walks of 40 s and more: 1, end<5m" in report.table()

@@ -1,8 +1,8 @@
 """Reader of the indoor walks in the ``ilc20`` folder format.
 
 A level is a folder with ``traces.parquet``, ``imu.parquet``, ``waypoints.parquet`` and ``floor.json``; optional
-are ``wifi.parquet``, ``floor_image.png`` and ``geojson_map.json``. Every file is read at most once; walks are
-views into the level's columns.
+are ``wifi.parquet``, ``beacon.parquet``, ``floor_image.png`` and ``geojson_map.json``. Every file is read at most once;
+walks are views into the level's columns.
 
 >>> from pathlib import Path
 >>> data = open_ilc20(Path("maps/samples"))
@@ -21,6 +21,8 @@ from functools import cached_property
 from pathlib import Path
 from typing import Literal
 
+import numpy as np
+
 from app.engine.types import Float64Array, RadioScans
 from app.evaluation.datasets.columns import (
     NO_LABELS,
@@ -34,10 +36,10 @@ from app.evaluation.datasets.columns import (
     seconds,
 )
 from app.evaluation.datasets.plans import GeoJson, plan_to_level_metres
-from app.evaluation.datasets.walks import RecordedWalk, WifiLog, path_length
+from app.evaluation.datasets.walks import RadioLog, RecordedWalk, path_length
 from app.evaluation.errors import DataSetError
 
-__all__ = ["Ilc20", "Ilc20Level", "RecordedWalk", "Split", "WifiLog", "open_ilc20"]
+__all__ = ["Ilc20", "Ilc20Level", "RadioLog", "RecordedWalk", "Split", "open_ilc20"]
 
 Split = Literal["train", "test"]
 
@@ -140,17 +142,17 @@ def open_ilc20(data_dir: Path) -> Ilc20:
 
 
 @dataclass(frozen=True, slots=True)
-class _WifiRows:
-    """Wi-Fi readings of a walk, times in milliseconds since its start."""
+class _RadioRows:
+    """Radio readings of a walk, times in milliseconds since its start."""
 
     reported_ms: Float64Array
     age_ms: Float64Array
     address: tuple[str, ...]
     rssi: Float64Array
 
-    def wifi_log(self, start_ms: int) -> WifiLog:
+    def log(self, start_ms: int) -> RadioLog:
         heard = seconds(start_ms, self.reported_ms - self.age_ms)
-        return WifiLog(RadioScans(heard, self.address, self.rssi), seconds(start_ms, self.reported_ms))
+        return RadioLog(RadioScans(heard, self.address, self.rssi), seconds(start_ms, self.reported_ms))
 
 
 def _read_walks(folder: Path) -> tuple[RecordedWalk, ...]:
@@ -162,6 +164,7 @@ def _read_walks(folder: Path) -> tuple[RecordedWalk, ...]:
     imu = ImuColumns.read(folder / "imu.parquet")
     labels = read_labels(folder / "waypoints.parquet")
     wifi = _read_wifi(folder / "wifi.parquet")
+    ble = _read_beacons(folder / "beacon.parquet")
 
     walks: list[RecordedWalk] = []
     for trace in traces:
@@ -176,7 +179,8 @@ def _read_walks(folder: Path) -> tuple[RecordedWalk, ...]:
                 split=str(trace["split"]),
                 samples=samples,
                 waypoints=points,
-                wifi_log=wifi[walk_id].wifi_log(start_ms) if walk_id in wifi else None,
+                wifi_log=wifi[walk_id].log(start_ms) if walk_id in wifi else None,
+                ble_log=ble[walk_id].log(start_ms) if walk_id in ble else None,
                 device=" ".join(str(trace.get(name) or "") for name in ("device_brand", "device_model")).strip(),
                 path_length_m=path_length(points),
             )
@@ -184,7 +188,7 @@ def _read_walks(folder: Path) -> tuple[RecordedWalk, ...]:
     return tuple(walks)
 
 
-def _read_wifi(path: Path) -> dict[str, _WifiRows]:
+def _read_wifi(path: Path) -> dict[str, _RadioRows]:
     if not path.is_file():
         return {}
     table = read_table(path, ("trace_id", "t", "bssid", "rssi", "age_ms"))
@@ -192,6 +196,20 @@ def _read_wifi(path: Path) -> dict[str, _WifiRows]:
     codes, names = dictionary_codes(table, "bssid")
     fresh = (age >= 0) & (age <= WIFI_MAX_AGE_MS)
     return {
-        walk_id: _WifiRows(reported[rows], age[rows], tuple(names[code] for code in codes[rows]), rssi[rows])
+        walk_id: _RadioRows(reported[rows], age[rows], tuple(names[code] for code in codes[rows]), rssi[rows])
         for walk_id, rows in rows_by_walk(table, fresh, reported).items()
+    }
+
+
+def _read_beacons(path: Path) -> dict[str, _RadioRows]:
+    """Advertisements, reported as they are heard; a beacon is known by what it announces (``key``)."""
+    if not path.is_file():
+        return {}
+    table = read_table(path, ("trace_id", "t", "key", "rssi"))
+    heard, rssi = column(table, "t"), column(table, "rssi")
+    codes, names = dictionary_codes(table, "key")
+    usable = np.isfinite(heard) & (rssi < 0)
+    return {
+        walk_id: _RadioRows(heard[rows], np.zeros(len(rows)), tuple(names[code] for code in codes[rows]), rssi[rows])
+        for walk_id, rows in rows_by_walk(table, usable, heard).items()
     }

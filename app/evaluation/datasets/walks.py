@@ -10,13 +10,13 @@ from app.engine.types import Float64Array, ImuSamples, RadioScans, SurveyWalk, W
 
 
 @dataclass(frozen=True, slots=True)
-class WifiLog:
-    """Wi-Fi readings of a walk with the time at which the phone reported them.
+class RadioLog:
+    """Wi-Fi or BLE readings of a walk with the time at which the phone reported them.
 
     Attributes
     ----------
     scans : RadioScans
-        ``scans.t`` is when the access point was last heard.
+        ``scans.t`` is when the access point or beacon was last heard.
     reported_t : array, shape (m,), s
         When the scan was delivered, non-decreasing. A causal replay may use a row only from here on.
     """
@@ -44,7 +44,7 @@ class RecordedWalk:
         What the walk is for: ``train`` or ``test``, or the data set's own word.
     samples : ImuSamples
     waypoints : Waypoints
-    wifi_log : WifiLog or None
+    wifi_log, ble_log : RadioLog or None
     device : str
         Brand and model, empty if unknown.
     path_length_m : float
@@ -59,20 +59,26 @@ class RecordedWalk:
     split: str
     samples: ImuSamples
     waypoints: Waypoints
-    wifi_log: WifiLog | None
+    wifi_log: RadioLog | None
     device: str
     path_length_m: float
     device_heading: float | None = None
     even_pace: bool = False
+    ble_log: RadioLog | None = None
 
     @property
     def wifi(self) -> RadioScans | None:
         """All Wi-Fi readings of the walk."""
         return self.wifi_log.scans if self.wifi_log else None
 
+    @property
+    def ble(self) -> RadioScans | None:
+        """All BLE readings of the walk."""
+        return self.ble_log.scans if self.ble_log else None
+
     def survey_walk(self) -> SurveyWalk:
         """The walk as input of map building."""
-        return SurveyWalk(self.walk_id, self.samples, self.waypoints, self.wifi, self.device_heading)
+        return SurveyWalk(self.walk_id, self.samples, self.waypoints, self.wifi, self.device_heading, self.ble)
 
 
 def path_length(waypoints: Waypoints) -> float:
