@@ -96,7 +96,7 @@ class ServiceTransport:
                 method=method or None,
                 parameters=dict(parameters) or None,
                 prior=prior_of(prior),
-                wifi=wifi_of(segment.wifi),
+                aids=aids_of(segment),
             )
         return fixes_from(answer.fixes)
 
