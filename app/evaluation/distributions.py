@@ -68,6 +68,8 @@ def plot_errors(report: Report, path: Path, published: Sequence[Published] = ())
     curves = []
     for covered in (False, True):
         walks = [walk for walk in report.walks if walk.covered or not covered]
+        if covered and len(walks) == len(report.walks):
+            continue  # the same curves once more
         tracks = (
             (report.method, FIXES, [walk.causal for walk in walks]),
             ("dead reckoning", BASELINE, [walk.baseline for walk in walks if walk.baseline]),
