@@ -50,3 +50,16 @@ def survey(field: Field) -> tuple[SurveyWalk, ...]:
         simulated = walk_through(corners, field, rng, hard_iron=rng.normal(0, 4, 3), carry=rng.normal(0, 0.12))
         walks.append(survey_of(simulated, f"walk-{i}"))
     return tuple(walks)
+
+
+class LevelMaps:
+    """Map source with several levels."""
+
+    def __init__(self, maps: dict[str, GridMap]) -> None:
+        self.maps = maps
+
+    def level_ids(self) -> tuple[str, ...]:
+        return tuple(self.maps)
+
+    def grid_map(self, level_id: str) -> GridMap:
+        return self.maps[level_id]

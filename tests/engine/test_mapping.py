@@ -17,7 +17,7 @@ from app.engine.mapping import Covariance, FieldLevel, FieldSamples, FloorPlan, 
 from app.engine.mapping.offsets import estimate_offsets
 from app.engine.mapping.plan import Polygon, fill, obstacle_depth
 from app.engine.mapping.samples import place_samples
-from app.engine.mapping.variogram import field_level, fit_covariance
+from app.engine.mapping.variogram import field_level, fit_covariance, repeatability
 from app.engine.types import FeatureSet, MapBuild, MapBuildSettings, SurveyWalk, Waypoints
 from app.evaluation.datasets.ilc20 import open_ilc20
 from tests.support.walks import Field, survey_of, walk_through
@@ -62,7 +62,7 @@ def test_the_claimed_deviation_is_true_on_recorded_walks() -> None:
     for fold in range(6):
         known, asked = samples.subset(owner % 6 != fold), samples.subset(owner % 6 == fold)
         mean, sd = krige(known, spread, covariance, asked.xy)
-        ratios.append((asked.values - mean) ** 2 / (sd**2 + covariance.noise * spread.sd**2))
+        ratios.append((asked.values - mean) ** 2 / (sd**2 + repeatability(samples, covariance) ** 2))
         distances.append(cKDTree(known.xy).query(asked.xy)[0])
     ratio, distance = np.concatenate(ratios), np.concatenate(distances)
     assert 0.8 < ratio[distance < 1.0].mean() < 1.25
@@ -218,7 +218,7 @@ def test_kriging_against_pykrige() -> None:
     expected, _ = oracle.execute("points", nodes[:, 0], nodes[:, 1])
     samples = FieldSamples(xy, np.arange(150), z[:, None])
     level = FieldLevel(np.array([z.mean()]), np.array([1.0]))
-    covariance = Covariance(length_m=5.0, error=0.0, white=0.05)
+    covariance = Covariance(length_m=5.0, error=0.0, white=0.05, fine=0.0)
     mean, _ = krige(samples, level, covariance, nodes, neighbours=150)
     np.testing.assert_allclose(mean[:, 0], expected, atol=0.05)
 

@@ -15,7 +15,7 @@ from app.engine.localization.integrity import CHI2_95
 from app.engine.localization.particle import ParticleTracker
 from app.engine.localization.smoothing import smooth_session
 from app.engine.types import FeatureSet, Fix, GridMap, Prior, Segment, Status, Tracker, TrackerState
-from tests.engine.conftest import CORNERS, OneMap
+from tests.engine.conftest import CORNERS, LevelMaps, OneMap
 from tests.support.walks import Field, SimulatedWalk, cut, true_map, walk_through
 
 PRIOR = Prior("sim", 2.5, 1.5, 3.0)
@@ -24,16 +24,17 @@ PRIOR = Prior("sim", 2.5, 1.5, 3.0)
 def track(
     tracker: Tracker,
     walk: SimulatedWalk,
-    grid_map: GridMap,
+    grid_map: GridMap | dict[str, GridMap],
     prior: Prior = PRIOR,
     *,
     seed: int = 1,
     seconds: float = 5.0,
 ) -> list[Fix]:
+    source = LevelMaps(grid_map) if isinstance(grid_map, dict) else OneMap(grid_map)
     state = tracker.start(prior, seed=seed)
     fixes: list[Fix] = []
     for samples in cut(walk.samples, seconds=5.0):
-        state, new = tracker.step(state, Segment(samples), OneMap(grid_map))
+        state, new = tracker.step(state, Segment(samples), source)
         fixes += new
     return fixes
 
@@ -243,18 +244,51 @@ class TestParticleTracker:
         assert first.walk_on_m is not None
         assert first.walk_on_m > 0
 
-    def test_a_found_start_stays_ambiguous(self, walk: SimulatedWalk, field_map: GridMap) -> None:
-        """One cloud of particles cannot know whether it fell onto the right place: it must not claim so."""
+    def test_an_unknown_start_is_found(self, walk: SimulatedWalk, field_map: GridMap) -> None:
+        """Places are listed until one stands out; what is claimed from then on is right."""
         fixes = track(create_tracker("particle"), walk, field_map, Prior("sim"))
-        assert {fix.status for fix in fixes} <= {Status.INSUFFICIENT, Status.AMBIGUOUS}
-        assert not any(fix.sure for fix in fixes)
-        told = [fix for fix in fixes if fix.hypotheses]
-        assert len(told) == len(cut(walk.samples, seconds=5.0))
-        for fix in told:
+        away = errors(fixes, walk, 0.0)
+        found = [fix.status is Status.OK for fix in fixes]
+        first = found.index(True)
+        assert {fix.status for fix in fixes[:first]} <= {Status.INSUFFICIENT, Status.AMBIGUOUS}
+        assert not any(fix.sure for fix in fixes[:first])
+        assert away[first:].max() < 4.0
+        assert any(fix.sure for fix in fixes)
+        for fix in fixes:
             weights = [h.weight for h in fix.hypotheses]
             assert weights == sorted(weights, reverse=True)
-            assert 0.0 < sum(weights) <= 1.0 + 1e-6
-            assert (fix.x, fix.y) == (fix.hypotheses[0].x, fix.hypotheses[0].y)
+            assert sum(weights) <= 1.0 + 1e-6
+            if weights:
+                assert (fix.x, fix.y, fix.level_id) == (
+                    fix.hypotheses[0].x, fix.hypotheses[0].y, fix.hypotheses[0].level_id,
+                )  # fmt: skip
+        assert any(fix.hypotheses for fix in fixes[:first])
+
+    def test_the_level_is_found(self, walk: SimulatedWalk, field: Field) -> None:
+        """Of several levels, the one whose field the walk shows."""
+        maps = {
+            "other": true_map(Field.random(np.random.default_rng(77)), (0.0, 0.0, 42.0, 22.0), level_id="other"),
+            "sim": true_map(field, (0.0, 0.0, 42.0, 22.0)),
+        }
+        fixes = track(create_tracker("particle"), walk, maps, Prior(None))
+        assert fixes[-1].status is Status.OK
+        assert fixes[-1].level_id == "sim"
+        assert errors(fixes, walk, 0.0)[-1] < 3.0
+
+    def test_at_rest_nothing_flickers(self, walk: SimulatedWalk, field_map: GridMap) -> None:
+        """A walker who stands still while the place is searched gets the same answer again and again."""
+        tracker = create_tracker("particle")
+        state = tracker.start(Prior("sim"), seed=3)
+        pieces = cut(walk.samples, seconds=5.0)
+        state, _ = tracker.step(state, Segment(pieces[0]), OneMap(field_map))
+        still = pieces[1]
+        still = replace(still, acc=np.tile(still.acc.mean(axis=0), (len(still), 1)), gyro=np.zeros_like(still.gyro))
+        places = set()
+        for k in range(3):
+            later = replace(still, t=still.t + 5.0 * k)
+            state, fixes = tracker.step(state, Segment(later), OneMap(field_map))
+            places.add((fixes[-1].x, fixes[-1].y))
+        assert len(places) == 1
 
     def test_walls_hold(self, field: Field) -> None:
         """With a wall beside the corridor, particles stay inside it."""
@@ -296,7 +330,8 @@ class TestGaps:
         spreads = []
         for gap_s in (10.0, 30.0):
             fixes = self.after_gap(tracker, walk, field_map, gap_s)
-            assert not any(fix.sure for fix in fixes)
+            assert not fixes[0].sure
+            assert all(np.hypot(*(walk.at(fix.t) - [fix.x, fix.y])) < 4.0 for fix in fixes if fix.sure)
             inside = []
             for fix in fixes:
                 d = walk.at(fix.t) - [fix.x, fix.y]
@@ -317,7 +352,8 @@ class TestGaps:
     ) -> None:
         fixes = self.after_gap(create_tracker("particle"), walk, field_map, gap_s)
         assert fixes[0].status is Status.INSUFFICIENT
-        assert {fix.status for fix in fixes} <= {Status.INSUFFICIENT, Status.AMBIGUOUS}
+        assert not any(fix.sure for fix in fixes[:10])
+        assert errors(fixes, walk, 0.0)[[fix.status is Status.OK for fix in fixes]].max(initial=0.0) < 4.0
 
     def test_a_gap_does_not_turn_the_heading(self, walk: SimulatedWalk, field_map: GridMap) -> None:
         """The gyroscope's last rate must not be integrated over the gap."""

@@ -37,13 +37,19 @@ def matern(d, length):
     return (1.0 + a) * np.exp(-a)
 
 
+def nested(d, covariance):
+    """Coarse and fine part of the field together."""
+    fine = covariance.fine
+    return (1.0 - fine) * matern(d, covariance.length_m) + fine * matern(d, covariance.fine_length_m)
+
+
 def krige(xy, walk, z, nodes, covariance):
     """Simple kriging with all samples by a dense solve; mean (m, channels) and variance (m,) in units of the sill."""
     d = np.linalg.norm(xy[:, None] - xy[None], axis=-1)
-    k = matern(d, covariance.length_m)
+    k = nested(d, covariance)
     k += (walk[:, None] == walk[None]) * covariance.error * np.exp(-d / covariance.error_length_m)
     k += covariance.white * np.eye(len(xy))
-    b = matern(np.linalg.norm(nodes[:, None] - xy[None], axis=-1), covariance.length_m)
+    b = nested(np.linalg.norm(nodes[:, None] - xy[None], axis=-1), covariance)
     weights = np.linalg.solve(k, b.T).T
     return weights @ z, 1.0 - np.sum(weights * b, axis=1)
 
@@ -118,7 +124,8 @@ def particle_step(p, grid, motion, z, par, mode, first, normals, u):
             total = var[k] * (1.0 - rhos[k] ** 2) + fresh**2 * p[row, i]
             p[row, i] += par[11] - fresh**2 * p[row, i] ** 2 / total
         p[14, i] *= weight / (1.0 + quad / par[9]) ** 4
-    p[14] /= p[14].sum()
+    likelihood = p[14].sum()
+    p[14] /= likelihood
     w = p[14]
     mean = np.array([w @ p[0], w @ p[1]])
     d = p[:2] - mean[:, None]
@@ -126,7 +133,17 @@ def particle_step(p, grid, motion, z, par, mode, first, normals, u):
     direction = np.arctan2(p[3], p[2]) - p[5]
     mapped = sum(w[i] * nearest(grid[..., 5], (p[0, i] - x0) / cell, (p[1, i] - y0) / cell) for i in range(n))
     moments = np.array(
-        [1.0, *mean, cov[0, 0], cov[0, 1], cov[1, 1], w @ np.cos(direction), w @ np.sin(direction), mapped, w @ w]
+        [
+            likelihood,
+            *mean,
+            cov[0, 0],
+            cov[0, 1],
+            cov[1, 1],
+            w @ np.cos(direction),
+            w @ np.sin(direction),
+            mapped,
+            w @ w,
+        ]
     )
     if moments[9] * n * par[10] < 1.0:
         return p, moments, None

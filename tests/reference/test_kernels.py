@@ -56,12 +56,15 @@ class TestAttitude:
 class TestKriging:
     @pytest.mark.parametrize("channels", [1, 3])
     @pytest.mark.parametrize("n", [1, 2, 40])
-    def test_one_block_is_the_dense_solution(self, rng: np.random.Generator, n: int, channels: int) -> None:
+    @pytest.mark.parametrize("fine", [0.0, 0.6])
+    def test_one_block_is_the_dense_solution(
+        self, rng: np.random.Generator, n: int, channels: int, fine: float
+    ) -> None:
         xy = rng.uniform(0, 10, (n, 2))
         walk = rng.integers(0, 3, n)
         z = rng.standard_normal((n, channels))
         nodes = rng.uniform(-1, 11, (12, 2))
-        covariance = Covariance(length_m=3.0, error=0.4, error_length_m=1.5, white=0.05)
+        covariance = Covariance(length_m=3.0, error=0.4, error_length_m=1.5, white=0.05, fine=fine, fine_length_m=1.0)
         mean, var = np.empty((12, channels)), np.empty(12)
         nb = np.arange(n)[None].repeat(2, axis=0)
         krige_blocks(

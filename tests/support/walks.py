@@ -95,7 +95,13 @@ def survey_of(walk: SimulatedWalk, walk_id: str, *, every_s: float = 5.0) -> Sur
 
 
 def true_map(
-    field: Field, extent: tuple[float, float, float, float], *, cell_m: float = 0.5, sd: float = 0.5, noise: float = 1.0
+    field: Field,
+    extent: tuple[float, float, float, float],
+    *,
+    cell_m: float = 0.5,
+    sd: float = 0.5,
+    noise: float = 1.0,
+    level_id: str = "sim",
 ) -> GridMap:
     """The field itself as a map."""
     x = np.arange(extent[0], extent[2] + cell_m / 2, cell_m)
@@ -103,7 +109,7 @@ def true_map(
     xx, yy = np.meshgrid(x, y)
     mean = field.at(np.stack([xx.ravel(), yy.ravel()], axis=1)).T.reshape(3, len(y), len(x))
     return GridMap(
-        level_id="sim",
+        level_id=level_id,
         features=FeatureSet.VECTOR,
         x0=float(x[0]),
         y0=float(y[0]),

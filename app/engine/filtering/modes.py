@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.ndimage import uniform_filter
@@ -25,6 +25,10 @@ class Mode:
     cov_xy: float
     cov_yy: float
     weight: float
+
+    def weighted(self, share: float) -> Mode:
+        """The same gathering where these particles have only a share of the belief."""
+        return replace(self, weight=self.weight * share)
 
 
 def find_modes(cloud: Cloud, *, radius_m: float = 6.0, most: int = 5, least: float = 0.02) -> tuple[Mode, ...]:

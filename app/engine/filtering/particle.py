@@ -153,6 +153,8 @@ class Estimate:
     cov_yy: float
     heading: float
     mapped: float
+    likelihood: float = 1.0
+    """Of the step's reading, over what is constant for all particles: what was left of the weights."""
 
 
 @dataclass(slots=True)
@@ -178,10 +180,18 @@ class Cloud:
 
     def thin(self, n: int, u: float) -> Cloud:
         """Systematically resampled to ``n`` particles; ``u`` in [0, 1)."""
+        return self.take(self.draw(n, u))
+
+    def draw(self, n: int, u: float) -> IntArray:
+        """Indices of ``n`` particles drawn systematically by weight; ``u`` in [0, 1)."""
         positions = (np.arange(n) + u) / n
         index = np.searchsorted(np.cumsum(self.p[14], dtype=np.float64), positions)
-        p = np.ascontiguousarray(self.p[:, np.minimum(index, self.n - 1)])
-        p[14] = 1.0 / n
+        return np.minimum(index, self.n - 1)
+
+    def take(self, index: IntArray) -> Cloud:
+        """These particles, with equal weights."""
+        p = np.ascontiguousarray(self.p[:, index])
+        p[14] = 1.0 / len(index)
         return Cloud(p, self.moved)
 
 
@@ -278,4 +288,5 @@ def _estimate(moments: Float64Array) -> Estimate:
         cov_yy=float(moments[5]),
         heading=float(np.arctan2(moments[7], moments[6])),
         mapped=float(moments[8]),
+        likelihood=float(moments[0]),
     )

@@ -15,6 +15,12 @@ def matern(d, inv_length):
     return (1.0 + a) * np.exp(-a)
 
 
+@njit(cache=True, nogil=True, fastmath=True, error_model="numpy", inline="always")
+def nested(d, inv_length, fine, inv_fine):
+    """Correlation of a field that is the sum of a coarse part and, with variance ``fine``, a fine one."""
+    return (1.0 - fine) * matern(d, inv_length) + fine * matern(d, inv_fine)
+
+
 @njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
 def krige_blocks(xy, walk, z, nb, count, nodes, first, par, mean, var):
     """Krige the nodes of each block.
@@ -27,7 +33,8 @@ def krige_blocks(xy, walk, z, nb, count, nodes, first, par, mean, var):
     z : (n, channels) centred values in units of each channel's sill deviation
     nb : (blocks, k) neighbour indices; count : (blocks,) how many of them are used
     nodes : (m, 2) m, nodes ordered by block; first : (blocks + 1,) start of each block's nodes
-    par : (4,) inverse Matern length of the field, variance and inverse length of the walk's error, white variance
+    par : (6,) inverse Matern length of the field's coarse part, variance and inverse length of the walk's error, white
+        variance, variance of the field's fine part and its inverse Matern length
     mean : (m, channels), var : (m,) output, in units of sill deviation and sill
     """
     kmax = nb.shape[1]
@@ -35,7 +42,7 @@ def krige_blocks(xy, walk, z, nb, count, nodes, first, par, mean, var):
     factor = np.empty((kmax, kmax))
     alpha = np.empty((kmax, channels))
     b = np.empty(kmax)
-    inv_field, error, inv_error, white = par[0], par[1], par[2], par[3]
+    inv_field, error, inv_error, white, fine, inv_fine = par[0], par[1], par[2], par[3], par[4], par[5]
     for p in range(nb.shape[0]):
         k = count[p]
         for i in range(k):
@@ -43,7 +50,7 @@ def krige_blocks(xy, walk, z, nb, count, nodes, first, par, mean, var):
             for j in range(i):
                 e = nb[p, j]
                 d = np.sqrt((xy[a, 0] - xy[e, 0]) ** 2 + (xy[a, 1] - xy[e, 1]) ** 2)
-                c = matern(d, inv_field)
+                c = nested(d, inv_field, fine, inv_fine)
                 if walk[a] == walk[e]:
                     c += error * np.exp(-d * inv_error)
                 factor[i, j] = c
@@ -70,7 +77,8 @@ def krige_blocks(xy, walk, z, nb, count, nodes, first, par, mean, var):
                 mean[q, c] = 0.0
             for i in range(k):
                 a = nb[p, i]
-                s = matern(np.sqrt((xy[a, 0] - nodes[q, 0]) ** 2 + (xy[a, 1] - nodes[q, 1]) ** 2), inv_field)
+                d = np.sqrt((xy[a, 0] - nodes[q, 0]) ** 2 + (xy[a, 1] - nodes[q, 1]) ** 2)
+                s = nested(d, inv_field, fine, inv_fine)
                 for m in range(i):
                     s -= factor[i, m] * b[m]
                 s *= factor[i, i]

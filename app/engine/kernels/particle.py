@@ -167,6 +167,7 @@ def summarize(p, grid, motion, par, total, est):
     zero, half = np.float32(0.0), np.float32(0.5)
     X, Y, C, S, A, W = p[0], p[1], p[2], p[3], p[5], p[14]
     est[:] = 0.0
+    est[0] = total
     lost = not total > 0.0
     inv = np.float32(1.0) if lost else np.float32(1.0 / total)
     xr, yr = X[0], Y[0]
@@ -174,7 +175,6 @@ def summarize(p, grid, motion, par, total, est):
         w = np.float32(1.0 / n) if lost else W[i] * inv
         W[i] = w
         dx, dy = X[i] - xr, Y[i] - yr
-        est[0] += w
         est[1] += w * dx
         est[2] += w * dy
         est[3] += w * dx * dx
@@ -231,7 +231,8 @@ def step(p, q, grid, motion, z, par, mode, first, pool, offset, u, est, ancestor
     first : True when there is no previous residual
     pool, offset : standard normals, and where to begin in them (4 n are used)
     u : uniform in [0, 1) for systematic resampling
-    est : (10,) output: sums of w, w x, w y, w x^2, w x y, w y^2, w cos, w sin of the motion, w mapped, w^2 / (sum w)^2
+    est : (10,) output: what is left of the weights (the step's likelihood); then, of the normalized ones, sums of w x,
+        w y, w x^2, w x y, w y^2, w cos, w sin of the motion, w mapped, w^2
 
     ancestor : (n,) output, where each particle of ``q`` stood in ``p``; only written when resampled
 

@@ -24,6 +24,8 @@ class InitialSpread:
         Error of the heading read off the horizontal field.
     compass_failure : float
         Share of particles that ignore the compass.
+    unmapped : float
+        Share of particles of an unknown start that stand where people can walk but nobody surveyed.
     """
 
     carry: float = 0.11
@@ -31,6 +33,7 @@ class InitialSpread:
     offset_vertical: float = 5.5
     compass: float = 0.38
     compass_failure: float = 0.1
+    unmapped: float = 0.25
 
 
 def initial_cloud(
@@ -47,7 +50,7 @@ def initial_cloud(
         Number of particles.
     """
     cloud = Cloud.empty(n)
-    x, y = _positions(prior, grid, n, rng)
+    x, y = _positions(prior, grid, n, spread.unmapped, rng)
     heading = _headings(prior, grid, field, x, y, spread, rng)
     p = cloud.p
     p[0], p[1] = x, y
@@ -97,23 +100,28 @@ def cloud_after_gap(
     angle = rng.uniform(-np.pi, np.pi, n)
     x = wide.p[0] + reach * np.cos(angle)
     y = wide.p[1] + reach * np.sin(angle)
-    heading = _headings(Prior(""), grid, field, x, y, spread, rng)
+    heading = _headings(Prior(None), grid, field, x, y, spread, rng)
     wide.p[0], wide.p[1] = x, y
     wide.p[2], wide.p[3] = np.cos(heading), np.sin(heading)
     return Cloud(wide.p, moved=False)
 
 
-def _positions(prior: Prior, grid: FilterGrid, n: int, rng: np.random.Generator) -> tuple[Float64Array, Float64Array]:
+def _positions(
+    prior: Prior, grid: FilterGrid, n: int, unmapped: float, rng: np.random.Generator
+) -> tuple[Float64Array, Float64Array]:
     if prior.x is not None and prior.y is not None:
         r = prior.radius_m * np.sqrt(rng.random(n))
         angle = 2.0 * np.pi * rng.random(n)
         return prior.x + r * np.cos(angle), prior.y + r * np.sin(angle)
-    rows, columns = np.nonzero(grid.nodes[..., 5] > 0.5)
-    if rows.shape[0] == 0:
-        rows, columns = (a.ravel() for a in np.indices(grid.nodes.shape[:2]))
-    pick = rng.integers(rows.shape[0], size=n)
+    mapped, walkable = grid.nodes[..., 5] > 0.5, grid.nodes[..., 6] > 0.5
+    inside, outside = np.flatnonzero(mapped), np.flatnonzero(walkable & ~mapped)
+    n_outside = n if inside.shape[0] == 0 else int(unmapped * n) if outside.shape[0] else 0
+    if outside.shape[0] == 0:
+        outside = np.arange(mapped.size)
+    pick = np.concatenate([rng.choice(inside, n - n_outside), rng.choice(outside, n_outside)])
+    rows, columns = np.divmod(pick, mapped.shape[1])
     jitter = rng.uniform(-0.5, 0.5, size=(2, n))
-    return grid.x0 + (columns[pick] + jitter[0]) * grid.cell_m, grid.y0 + (rows[pick] + jitter[1]) * grid.cell_m
+    return grid.x0 + (columns + jitter[0]) * grid.cell_m, grid.y0 + (rows + jitter[1]) * grid.cell_m
 
 
 def _headings(

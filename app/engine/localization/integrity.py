@@ -6,11 +6,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from app.engine.filtering import Estimate
-from app.engine.types import Status
+from app.engine.filtering import Estimate, Mode
+from app.engine.localization.search import Belief, Place
+from app.engine.types import Fix, Hypothesis, Status
 
 CHI2_95 = 5.991
 """95 % quantile of chi-square with two degrees of freedom: scale of the ellipse."""
+WALK_ON_M = 5.0
+"""Nobody is asked to walk on less than this."""
+MAX_HYPOTHESES = 5
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,8 +25,6 @@ class IntegrityPolicy:
     ----------
     covariance_scale, covariance_floor : float, -, m^2
         Applied to the particles' covariance so that the 95 % ellipse holds what it claims.
-    cold_scale : float
-        Further factor while the start is searched: a cloud narrows faster than it learns.
     smoothed_scale : float
         Further factor for smoothed fixes: the lines of particles merge going back.
     settle_m : float
@@ -35,14 +37,17 @@ class IntegrityPolicy:
         Below this share of particles on mapped ground (smoothed over ``memory_m``) the position rests on motion alone.
     memory_m : float
     search_m : float
-        A place known only to this radius after a gap has to be searched: the session counts as one with unknown start.
-    information_m : float
-        Metres of walk that usually settle a start.
+        A start known only to this radius, also after a gap, has to be searched.
+    listed : float
+        Share of the belief that the listed places must hold for a fix to be called ambiguous; below it is insufficient.
+    found : float
+        Share of the belief that one place must hold to be taken for the right one.
+    found_m : float
+        Metres that must have been walked by then.
     """
 
     covariance_scale: float = 1.0
     covariance_floor: float = 0.3
-    cold_scale: float = 4.0
     smoothed_scale: float = 1.5
     settle_m: float = 5.0
     insufficient_m: float = 8.0
@@ -50,7 +55,9 @@ class IntegrityPolicy:
     off_map_share: float = 0.35
     memory_m: float = 4.0
     search_m: float = 8.0
-    information_m: float = 30.0
+    listed: float = 0.8
+    found: float = 0.98
+    found_m: float = 20.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,9 +66,6 @@ class Integrity:
 
     Attributes
     ----------
-    cold : bool
-        The start was unknown. A cloud that has narrowed from everywhere may have narrowed onto the wrong place, and
-        nothing in it can tell; its fixes stay ambiguous.
     walked_m : float
     mapped : float
         Share of particles on mapped ground, smoothed.
@@ -69,14 +73,13 @@ class Integrity:
         Whether the spread has been that of one place.
     """
 
-    cold: bool = False
     walked_m: float = 0.0
     mapped: float = 1.0
     settled: bool = False
 
-    def resumed(self, reach_m: float, policy: IntegrityPolicy) -> Integrity:
-        """After a gap in which the walker may have gone ``reach_m``; far enough, and the start is unknown again."""
-        return replace(self, walked_m=0.0, settled=False, cold=self.cold or reach_m > policy.search_m)
+    def resumed(self) -> Integrity:
+        """After a gap."""
+        return replace(self, walked_m=0.0, settled=False)
 
     def walked(self, stride: float, estimate: Estimate, policy: IntegrityPolicy) -> Integrity:
         """After one more step."""
@@ -89,11 +92,9 @@ class Integrity:
         )
 
 
-def calibrate(estimate: Estimate, integrity: Integrity, policy: IntegrityPolicy) -> tuple[float, float, float]:
+def calibrate(estimate: Estimate | Mode, policy: IntegrityPolicy) -> tuple[float, float, float]:
     """Covariance (xx, xy, yy) that a fix claims, m^2."""
     scale, floor = policy.covariance_scale, policy.covariance_floor
-    if integrity.cold:
-        scale *= policy.cold_scale
     return scale * estimate.cov_xx + floor, scale * estimate.cov_xy, scale * estimate.cov_yy + floor
 
 
@@ -107,7 +108,7 @@ class Verdict:
     walk_on_m: float | None
 
 
-def spread(estimate: Estimate) -> float:
+def spread(estimate: Estimate | Mode) -> float:
     """Major semi-axis of the covariance, one sigma, m."""
     half_trace = 0.5 * (estimate.cov_xx + estimate.cov_yy)
     half_difference = 0.5 * (estimate.cov_xx - estimate.cov_yy)
@@ -119,10 +120,56 @@ def judge(estimate: Estimate, integrity: Integrity, policy: IntegrityPolicy) -> 
     sigma = spread(estimate)
     quality = float(1.0 / (1.0 + (sigma / 3.0) ** 2))
     if sigma > policy.insufficient_m or not integrity.settled:
-        missing = max(policy.information_m - integrity.walked_m, 5.0)
-        return Verdict(Status.INSUFFICIENT, quality, sure=False, walk_on_m=missing)
-    if integrity.cold:
-        return Verdict(Status.AMBIGUOUS, quality * 0.5, sure=False, walk_on_m=None)
+        return Verdict(Status.INSUFFICIENT, quality, sure=False, walk_on_m=max(sigma, WALK_ON_M))
     if integrity.mapped < policy.off_map_share:
         return Verdict(Status.OFF_MAP, quality * 0.5, sure=False, walk_on_m=None)
     return Verdict(Status.OK, quality, sigma <= policy.sure_m, walk_on_m=None)
+
+
+def confirmed(belief: Belief, walked_m: float, policy: IntegrityPolicy) -> bool:
+    """Whether one place carries enough of the belief to be taken for the right one."""
+    first = belief.places[0].mode
+    return walked_m >= policy.found_m and first.weight >= policy.found and spread(first) < policy.settle_m
+
+
+def search_fix(t: float, belief: Belief, walked_m: float, policy: IntegrityPolicy, *, hypotheses: bool = False) -> Fix:
+    """Fix while the place is searched: the heaviest place, what is claimed of it, and on request the other places.
+
+    Until one place is confirmed, the covariance is that of all particles about the first place.
+    """
+    places, e = belief.places, belief.estimate
+    first = places[0].mode
+    if confirmed(belief, walked_m, policy):
+        sigma = spread(first)
+        verdict = Verdict(
+            Status.OK, first.weight / (1.0 + (sigma / 3.0) ** 2), sure=sigma <= policy.sure_m, walk_on_m=None
+        )
+        cov_xx, cov_xy, cov_yy = calibrate(first, policy)
+    else:
+        dx, dy = e.x - first.x, e.y - first.y
+        about = replace(e, cov_xx=e.cov_xx + dx * dx, cov_xy=e.cov_xy + dx * dy, cov_yy=e.cov_yy + dy * dy)
+        cov_xx, cov_xy, cov_yy = calibrate(about, policy)
+        short_list = walked_m >= 0.5 * policy.found_m and sum(place.mode.weight for place in places) >= policy.listed
+        status = Status.AMBIGUOUS if short_list else Status.INSUFFICIENT
+        missing = max(belief.walk_on_m, policy.found_m - walked_m, WALK_ON_M)
+        verdict = Verdict(status, 0.5 * first.weight, sure=False, walk_on_m=missing)
+    return Fix(
+        t=t,
+        level_id=places[0].level_id,
+        x=first.x,
+        y=first.y,
+        cov_xx=cov_xx,
+        cov_xy=cov_xy,
+        cov_yy=cov_yy,
+        heading=e.heading,
+        status=verdict.status,
+        quality=verdict.quality,
+        sure=verdict.sure,
+        walk_on_m=verdict.walk_on_m,
+        hypotheses=tuple(_hypothesis(place) for place in places[:MAX_HYPOTHESES]) if hypotheses else (),
+    )
+
+
+def _hypothesis(place: Place) -> Hypothesis:
+    m = place.mode
+    return Hypothesis(place.level_id, m.x, m.y, m.cov_xx, m.cov_xy, m.cov_yy, m.weight)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
@@ -29,13 +29,22 @@ from app.engine.localization.initial import (
     cloud_after_gap,
     initial_cloud,
 )
-from app.engine.localization.integrity import Integrity, IntegrityPolicy, calibrate, judge
+from app.engine.localization.integrity import (
+    Integrity,
+    IntegrityPolicy,
+    calibrate,
+    confirmed,
+    judge,
+    search_fix,
+    spread,
+)
+from app.engine.localization.profile import join, newest, profile_from, profile_values
+from app.engine.localization.search import Belief, Place, SearchPolicy, channels, search
 from app.engine.types import (
     DeviceCalibration,
     FeatureSet,
     Fix,
     Float64Array,
-    Hypothesis,
     MapSource,
     Prior,
     Segment,
@@ -52,70 +61,105 @@ class ParticleParameters:
     particles : int
         Number of particles once the start is known, 100 to 20,000.
     cold_particles : int
-        Number while it is not.
+        Number a search begins with while it is not, over all levels together.
     features : FeatureSet
         ``vector`` where the map has it, else the map's own.
     """
 
     particles: int = 2000
-    cold_particles: int = 8000
+    cold_particles: int = 80_000
     features: FeatureSet = FeatureSet.VECTOR
+
+
+LEARN_M = 20.0
+"""Metres that must have been tracked before a session teaches anything about its device."""
 
 
 @dataclass(slots=True)
 class Track:
-    """A session under way: steps so far, heading at the last one (free azimuth, rad), particles, estimate."""
+    """Place known: level, heading at the last step (free azimuth, rad), particles, estimate."""
 
-    pedestrian: PedestrianState
+    level_id: str
+    features: FeatureSet
     heading: float
     cloud: Cloud
     estimate: Estimate
     integrity: Integrity
 
+    def calibration(self) -> DeviceCalibration | None:
+        """What the particles say of the device; None if their offsets are not those of three axes."""
+        return learned_calibration(self.cloud) if self.features is FeatureSet.VECTOR else None
+
+
+@dataclass(slots=True)
+class Quest:
+    """Place unknown: what is known of the start, and the steps since then (all of them if ``whole``)."""
+
+    prior: Prior
+    events: StepEvents | None = None
+    whole: bool = True
+
 
 @dataclass(slots=True)
 class SessionState:
-    """Tracker state, decoded. ``count`` segments have been taken; ``track`` is None before the first."""
+    """Tracker state, decoded. ``count`` segments have been taken.
+
+    Before the first there is neither ``pedestrian`` nor ``track`` nor ``quest``; then the session is on a quest until
+    its place is known, and on a track from there. ``beginning`` is not kept: it is the track's first moment, known once
+    the quest has ended.
+    """
 
     prior: Prior
     seed: int
     count: int = 0
+    pedestrian: PedestrianState | None = None
     track: Track | None = None
+    quest: Quest | None = None
+    beginning: Track | None = None
 
     def encode(self) -> bytes:
         """As bytes."""
-        track = self.track
-        values: dict[str, Any] = {
-            "prior": codec.prior_values(self.prior),
-            "seed": self.seed,
-            "count": self.count,
-            "track": None,
-        }
+        track, quest, pedestrian = self.track, self.quest, self.pedestrian
+        values: dict[str, Any] = {"prior": codec.prior_values(self.prior), "seed": self.seed, "count": self.count}
+        if pedestrian is not None:
+            values["pedestrian"] = codec.pedestrian_values(pedestrian)
         if track is not None:
             values["track"] = {
-                "pedestrian": codec.pedestrian_values(track.pedestrian),
+                "level_id": track.level_id,
+                "features": track.features.value,
                 "heading": track.heading,
                 "particles": track.cloud.p,
                 "moved": track.cloud.moved,
                 "estimate": asdict(track.estimate),
                 "integrity": asdict(track.integrity),
             }
+        if quest is not None:
+            events = None if quest.events is None else profile_values(quest.events)
+            values["quest"] = {"prior": codec.prior_values(quest.prior), "events": events, "whole": quest.whole}
         return codec.pack(values)
 
     @classmethod
     def decode(cls, payload: bytes) -> SessionState:
         """Inverse of :meth:`encode`; StateError if damaged."""
         values = codec.unpack(payload)
-        track = values["track"]
-        if track is not None:
-            track = Track(
-                pedestrian=codec.pedestrian_state(track["pedestrian"]),
+        session = cls(codec.prior_from(values["prior"]), values["seed"], values["count"])
+        if "pedestrian" in values:
+            session.pedestrian = codec.pedestrian_state(values["pedestrian"])
+        if "track" in values:
+            track = values["track"]
+            session.track = Track(
+                level_id=track["level_id"],
+                features=FeatureSet(track["features"]),
                 heading=track["heading"],
                 cloud=Cloud(track["particles"], track["moved"]),
                 estimate=Estimate(**track["estimate"]),
                 integrity=Integrity(**track["integrity"]),
             )
-        return cls(codec.prior_from(values["prior"]), values["seed"], values["count"], track)
+        if "quest" in values:
+            quest = values["quest"]
+            events = None if quest["events"] is None else profile_from(quest["events"])
+            session.quest = Quest(codec.prior_from(quest["prior"]), events, quest["whole"])
+        return session
 
 
 class ParticleTracker:
@@ -135,11 +179,13 @@ class ParticleTracker:
         noise: ParticleNoise | None = None,
         spread: InitialSpread | None = None,
         policy: IntegrityPolicy | None = None,
+        search: SearchPolicy | None = None,
     ) -> None:
         self.parameters = parameters or ParticleParameters()
         self.noise = noise or ParticleNoise()
         self.spread = spread or InitialSpread()
         self.policy = policy or IntegrityPolicy()
+        self.search = search or SearchPolicy()
 
     def start(self, prior: Prior, *, seed: int) -> TrackerState:
         """State before the first segment."""
@@ -159,38 +205,36 @@ class ParticleTracker:
     def learned(self, state: TrackerState) -> DeviceCalibration | None:
         """Offset and stride as the particles have them, once the place is known."""
         track = SessionState.decode(state.payload).track
-        if track is None or track.integrity.cold or not track.integrity.settled:
+        if track is None or track.integrity.walked_m < LEARN_M or spread(track.estimate) > self.policy.sure_m:
             return None
-        return learned_calibration(track.cloud)
+        return track.calibration()
 
     def walk(
         self, session: SessionState, segment: Segment, map_source: MapSource
     ) -> Iterator[tuple[Fix, Advance | None]]:
         """Advance ``session`` in place: each step's fix with what the filter did, and the fix at the end.
 
-        The next step overwrites the particles of the one before: take what is needed before going on.
+        The next step overwrites the particles of the one before: take what is needed before going on. While the place
+        is searched there is no filter to tell of.
         """
-        rng = np.random.default_rng([session.seed, session.count])
-        level_id = map_source.level_ids()[0] if session.prior.level_id is None else session.prior.level_id
-        grid = self._grid(map_source, level_id)
-        before = None if session.track is None else session.track.pedestrian
+        before, t = session.pedestrian, settled_until(segment.samples.t)
         gap = 0.0 if before is None else gap_before(before, segment.samples)
-        pedestrian, events = advance(before, segment.samples)
-        if session.track is None:
-            track = self._begin(session.prior, grid, pedestrian, events, rng)
-        elif gap > FORGET_S:
-            track = self._begin(Prior(session.prior.level_id), grid, pedestrian, events, rng)
+        session.pedestrian, events = advance(before, segment.samples)
+        first = first_reading(session.pedestrian, events)
+        rng = np.random.default_rng([session.seed, session.count])
+        if session.track is None and session.quest is None:
+            self._begin(session, map_source, first, rng)
         elif gap > 0.0:
-            track = self._resume(session.track, gap, grid, pedestrian, events, rng)
-        else:
-            track = session.track
-        session.track = track
-        track.pedestrian = pedestrian
-        for i in range(len(events)):
-            moved = self._advance(track, grid, events, i, rng)
-            yield self._fix(track, level_id, float(events.t[i])), moved
-        yield self._last_fix(track, level_id, settled_until(segment.samples.t)), None
+            self._resume(session, gap, map_source, first, rng)
         session.count += 1
+        if session.quest is not None:
+            yield from ((fix, None) for fix in self._search(session, session.quest, events, first, map_source, t))
+        elif session.track is not None:
+            grid = self._grid(map_source, session.track.level_id)
+            for i in range(len(events)):
+                moved = self._advance(session.track, grid, events, i, rng)
+                yield self._fix(session.track, float(events.t[i])), moved
+            yield self._fix(session.track, t), None
 
     def _grid(self, map_source: MapSource, level_id: str) -> FilterGrid:
         grid_map = map_source.grid_map(level_id)
@@ -198,28 +242,109 @@ class ParticleTracker:
         return prepare_grid(grid_map, self.parameters.features if vector else grid_map.features)
 
     def _begin(
-        self, prior: Prior, grid: FilterGrid, pedestrian: PedestrianState, events: StepEvents, rng: np.random.Generator
-    ) -> Track:
-        heading, reading = first_reading(pedestrian, events)
-        n = self.parameters.particles if prior.x is not None else self.parameters.cold_particles
-        cloud = initial_cloud(prior, grid, reading, n, self.spread, rng)
-        return Track(pedestrian, heading, cloud, estimate_equal(cloud, grid), Integrity(cold=prior.x is None))
+        self,
+        session: SessionState,
+        map_source: MapSource,
+        first: tuple[float, Float64Array],
+        rng: np.random.Generator,
+    ) -> None:
+        """Set out from the prior: on a track if it names a place, else on a quest."""
+        prior = session.prior
+        if prior.level_id is None or prior.x is None or prior.radius_m > self.policy.search_m:
+            session.quest = Quest(prior)
+            return
+        heading, reading = first
+        grid = self._grid(map_source, prior.level_id)
+        cloud = initial_cloud(prior, grid, reading, self.parameters.particles, self.spread, rng)
+        session.track = Track(prior.level_id, grid.features, heading, cloud, estimate_equal(cloud, grid), Integrity())
 
     def _resume(
         self,
-        track: Track,
+        session: SessionState,
         gap_s: float,
-        grid: FilterGrid,
-        pedestrian: PedestrianState,
-        events: StepEvents,
+        map_source: MapSource,
+        first: tuple[float, Float64Array],
         rng: np.random.Generator,
-    ) -> Track:
+    ) -> None:
         """Go on after a gap: the walker moved unseen, so the old place is only where the search begins."""
-        heading, reading = first_reading(pedestrian, events)
-        n = max(self.parameters.cold_particles, track.cloud.n)
-        cloud = cloud_after_gap(track.cloud, gap_s, grid, reading, n, self.spread, rng)
-        integrity = track.integrity.resumed(WALKING_M_S * gap_s, self.policy)
-        return Track(pedestrian, heading, cloud, estimate_equal(cloud, grid), integrity)
+        track, reach = session.track, WALKING_M_S * gap_s
+        if track is None or gap_s > FORGET_S:
+            learned = session.prior.calibration if track is None else track.calibration()
+            session.track = None
+            session.quest = Quest(Prior(session.prior.level_id, calibration=learned))
+        elif reach > self.policy.search_m:
+            session.track, session.quest = None, Quest(self._about(track, reach))
+        else:
+            heading, reading = first
+            grid = self._grid(map_source, track.level_id)
+            cloud = cloud_after_gap(track.cloud, gap_s, grid, reading, track.cloud.n, self.spread, rng)
+            session.track = Track(
+                track.level_id, grid.features, heading, cloud, estimate_equal(cloud, grid), track.integrity.resumed()
+            )
+
+    def _about(self, track: Track, reach: float) -> Prior:
+        """What is known of a walker who may have gone ``reach`` metres since the last fix."""
+        e = track.estimate
+        radius = reach + 2.0 * spread(e)
+        return Prior(track.level_id, e.x, e.y, radius, calibration=track.calibration())
+
+    def _search(
+        self,
+        session: SessionState,
+        quest: Quest,
+        events: StepEvents,
+        first: tuple[float, Float64Array],
+        map_source: MapSource,
+        t: float,
+    ) -> Iterator[Fix]:
+        """Look for the place with all steps so far: a fix for each new step and one at ``t``; track it once found."""
+        quest.events = events if quest.events is None else join(quest.events, events)
+        if len(quest.events) > self.search.window:
+            quest.events = newest(quest.events, self.search.window)
+            quest.prior = replace(quest.prior, x=None, y=None)  # known of a start that is forgotten by now
+            quest.whole = False
+        rng = np.random.default_rng(session.seed)  # the same steps give the same answer: nothing flickers at rest
+        level_ids = map_source.level_ids() if quest.prior.level_id is None else (quest.prior.level_id,)
+        grids = {level_id: self._grid(map_source, level_id) for level_id in level_ids}
+        if len(quest.events) == 0:
+            yield self._unstarted(quest.prior, grids, first[1], t, rng)
+            return
+        found = search(
+            quest.events,
+            grids,
+            quest.prior,
+            particles=self.parameters.cold_particles,
+            report=max(len(events), 1),
+            spread=self.spread,
+            policy=self.search,
+            rng=rng,
+        )
+        walked = float(weinberg(quest.events.swing).sum())
+        for i in range(len(events)):
+            yield search_fix(float(events.t[i]), found.beliefs[i], walked, self.policy)
+        last = found.beliefs[-1]
+        yield search_fix(t, last, walked, self.policy, hypotheses=True)
+        if confirmed(last, walked, self.policy):
+            cloud = found.cloud.thin(self.parameters.particles, float(rng.random()))
+            integrity, grid = Integrity(walked_m=walked, settled=True), grids[found.level_id]
+            session.track = Track(
+                found.level_id, grid.features, float(quest.events.heading[-1]), cloud, last.estimate, integrity
+            )
+            session.quest = None
+            if quest.whole:
+                e, first_heading = estimate_equal(found.start, grid), float(quest.events.heading[0])
+                session.beginning = Track(
+                    found.level_id, grid.features, first_heading, found.start, e, Integrity(settled=True)
+                )
+
+    def _unstarted(
+        self, prior: Prior, grids: Mapping[str, FilterGrid], reading: Float64Array, t: float, rng: np.random.Generator
+    ) -> Fix:
+        """Before the first step nothing is known but the prior."""
+        level_id, grid = next(iter(grids.items()))
+        cloud = initial_cloud(prior, grid, reading, self.parameters.particles, self.spread, rng)
+        belief = Belief((Place(level_id, find_modes(cloud)[0]),), estimate_equal(cloud, grid))
+        return search_fix(t, belief, 0.0, self.policy)
 
     def _advance(self, track: Track, grid: FilterGrid, events: StepEvents, i: int, rng: np.random.Generator) -> Advance:
         stride = float(weinberg(events.swing[i : i + 1])[0])
@@ -236,29 +361,14 @@ class ParticleTracker:
         track.cloud, track.estimate = moved.cloud, moved.estimate
         track.heading = float(events.heading[i])
         track.integrity = track.integrity.walked(stride, moved.estimate, self.policy)
-        if track.cloud.n > self.parameters.particles and track.integrity.settled:
-            track.cloud = track.cloud.thin(self.parameters.particles, float(rng.random()))
         return moved
 
-    def _last_fix(self, track: Track, level_id: str, t: float) -> Fix:
-        """The fix that ends a segment: with an unknown start, the heaviest of the places that fit, and the others."""
-        fix = self._fix(track, level_id, t)
-        if not track.integrity.cold:
-            return fix
-        modes = find_modes(track.cloud)
-        first, e = modes[0], track.estimate
-        dx, dy = e.x - first.x, e.y - first.y
-        about = replace(e, cov_xx=e.cov_xx + dx * dx, cov_xy=e.cov_xy + dx * dy, cov_yy=e.cov_yy + dy * dy)
-        cov_xx, cov_xy, cov_yy = calibrate(about, track.integrity, self.policy)
-        places = tuple(Hypothesis(level_id, m.x, m.y, m.cov_xx, m.cov_xy, m.cov_yy, m.weight) for m in modes)
-        return replace(fix, x=first.x, y=first.y, cov_xx=cov_xx, cov_xy=cov_xy, cov_yy=cov_yy, hypotheses=places)
-
-    def _fix(self, track: Track, level_id: str, t: float) -> Fix:
+    def _fix(self, track: Track, t: float) -> Fix:
         verdict = judge(track.estimate, track.integrity, self.policy)
-        cov_xx, cov_xy, cov_yy = calibrate(track.estimate, track.integrity, self.policy)
+        cov_xx, cov_xy, cov_yy = calibrate(track.estimate, self.policy)
         return Fix(
             t=t,
-            level_id=level_id,
+            level_id=track.level_id,
             x=track.estimate.x,
             y=track.estimate.y,
             cov_xx=cov_xx,
@@ -293,15 +403,6 @@ def learned_calibration(cloud: Cloud) -> DeviceCalibration:
         stride_scale=scale,
         stride_scale_sd=float(np.sqrt((p[4] - scale) ** 2 @ w)),
     )
-
-
-def channels(mag: Float64Array, features: FeatureSet) -> Float64Array:
-    """Forward, left, up (3,) as the kernel's channels of a feature set."""
-    if features is FeatureSet.VECTOR:
-        return mag
-    if features is FeatureSet.HV:
-        return np.array([np.hypot(mag[0], mag[1]), 0.0, mag[2]])
-    return np.array([0.0, 0.0, np.linalg.norm(mag)])
 
 
 def estimate_equal(cloud: Cloud, grid: FilterGrid) -> Estimate:

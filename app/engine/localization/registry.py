@@ -59,7 +59,7 @@ _METHODS = (
         needs_odometry=False,
         dimensions=2,
         parameters=ParticleParameters,
-        bounds=MappingProxyType({"particles": Bound(100, 20_000), "cold_particles": Bound(100, 50_000)}),
+        bounds=MappingProxyType({"particles": Bound(100, 20_000), "cold_particles": Bound(100, 120_000)}),
         create=ParticleTracker,
     ),
     Method(

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from app.engine.filtering import Advance
 from app.engine.inertial import gap_before
 from app.engine.localization.integrity import calibrate, judge
-from app.engine.localization.particle import ParticleTracker, SessionState
+from app.engine.localization.particle import ParticleTracker, SessionState, Track
 from app.engine.types import Fix, Float32Array, Float64Array, MapSource, Prior, Segment
 
 SMOOTHING_PARTICLES = 6000
@@ -38,25 +38,67 @@ def smooth_session(
     """
     n = SMOOTHING_PARTICLES  # whatever tracking uses: half an hour of them takes 200 MB
     wide = ParticleTracker(
-        replace(tracker.parameters, particles=n, cold_particles=n),  # one number throughout: lines must not break
+        replace(tracker.parameters, particles=n),  # one number throughout: lines must not break
         tracker.noise,
         tracker.spread,
         tracker.policy,
+        tracker.search,
     )
     session = SessionState(prior, seed)
     fixes: list[Fix] = []
-    steps: list[_Step] = []
-    weights: Float64Array = np.empty(0)
+    stretch = _Stretch()
     for segment in segments:
-        if session.track is not None and gap_before(session.track.pedestrian, segment.samples) > 0.0:
-            fixes += _trace_back(wide, steps, weights, session)
-            steps = []
-        for fix, moved in wide.walk(session, segment, map_source):
+        if session.pedestrian is not None and gap_before(session.pedestrian, segment.samples) > 0.0:
+            fixes += stretch.smooth(wide)
+            stretch = _Stretch()
+        searching = session.quest is not None or session.pedestrian is None
+        stretch.walk(wide, session, segment, map_source)
+        if searching and session.beginning is not None:
+            stretch = stretch.retrace(wide, session, map_source)
+    return (*fixes, *stretch.smooth(wide))
+
+
+class _Stretch:
+    """What lies between two gaps: first fixes of the search, if the place was searched, then steps of the filter."""
+
+    def __init__(self) -> None:
+        self.segments: list[Segment] = []
+        self.searched: list[Fix] = []
+        self.steps: list[_Step] = []
+        self.weights: Float64Array = np.empty(0)
+        self.track: Track | None = None
+
+    def walk(self, tracker: ParticleTracker, session: SessionState, segment: Segment, map_source: MapSource) -> None:
+        """Go on by one segment."""
+        self.segments.append(segment)
+        told = list[Fix]()
+        for fix, moved in tracker.walk(session, segment, map_source):
             if moved is None:
+                told.append(fix)
                 continue
-            steps.append(_record(fix, moved))
-            weights = moved.weighted.p[14].astype(np.float64)
-    return (*fixes, *_trace_back(wide, steps, weights, session))
+            self.steps.append(_record(fix, moved))
+            self.weights = moved.weighted.p[14].astype(np.float64)
+        self.searched += told[:-1]  # the last belongs to no step
+        self.track = session.track
+
+    def retrace(self, tracker: ParticleTracker, session: SessionState, map_source: MapSource) -> _Stretch:
+        """The same stretch from its beginning, now that the search has told where that was.
+
+        ``session`` is left as if it had been tracked all the way.
+        """
+        track = session.beginning
+        if track is None:
+            return self
+        track.cloud = track.cloud.thin(tracker.parameters.particles, 0.5)
+        session.pedestrian, session.track, session.beginning = None, track, None
+        again = _Stretch()
+        for segment in self.segments:
+            again.walk(tracker, session, segment, map_source)
+        return again
+
+    def smooth(self, tracker: ParticleTracker) -> tuple[Fix, ...]:
+        """Fixes of the stretch."""
+        return (*self.searched, *_trace_back(tracker, self.steps, self.weights, self.track))
 
 
 def _record(fix: Fix, moved: Advance) -> _Step:
@@ -67,9 +109,9 @@ def _record(fix: Fix, moved: Advance) -> _Step:
 
 
 def _trace_back(
-    tracker: ParticleTracker, steps: Sequence[_Step], weights: Float64Array, session: SessionState
+    tracker: ParticleTracker, steps: Sequence[_Step], weights: Float64Array, track: Track | None
 ) -> tuple[Fix, ...]:
-    if not steps or session.track is None:
+    if not steps or track is None:
         return ()
     policy = replace(tracker.policy, covariance_scale=tracker.policy.covariance_scale * tracker.policy.smoothed_scale)
     index = np.arange(weights.shape[0], dtype=np.int32)
@@ -82,15 +124,15 @@ def _trace_back(
         x, y = step.x[index].astype(np.float64), step.y[index].astype(np.float64)
         mx, my = float(weights @ x), float(weights @ y)
         estimate = replace(
-            session.track.estimate,
+            track.estimate,
             x=mx,
             y=my,
             cov_xx=float(weights @ (x - mx) ** 2),
             cov_xy=float(weights @ ((x - mx) * (y - my))),
             cov_yy=float(weights @ (y - my) ** 2),
         )
-        cov_xx, cov_xy, cov_yy = calibrate(estimate, session.track.integrity, policy)
-        verdict = judge(estimate, session.track.integrity, tracker.policy)
+        cov_xx, cov_xy, cov_yy = calibrate(estimate, policy)
+        verdict = judge(estimate, track.integrity, tracker.policy)
         fixes.append(
             replace(
                 step.fix,

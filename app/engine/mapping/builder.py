@@ -12,7 +12,7 @@ from app.engine.mapping.kriging import FieldLevel, FieldSamples, krige_grid
 from app.engine.mapping.offsets import WalkOffsets, estimate_offsets, no_offsets
 from app.engine.mapping.plan import FloorPlan, obstacle_depth
 from app.engine.mapping.samples import PlacedSamples, place_samples
-from app.engine.mapping.variogram import field_level, fit_covariance
+from app.engine.mapping.variogram import field_level, fit_covariance, repeatability
 from app.engine.types import (
     FeatureSet,
     Float32Array,
@@ -83,7 +83,7 @@ def build_map(
         sd=sd.astype(np.float32),
         support=_support(samples.xy, x, y),
         mapped_m=settings.mapped_m,
-        noise_sd=tuple(float(s) for s in level.sd * np.sqrt(covariance.noise)),
+        noise_sd=tuple(float(s) for s in repeatability(samples, covariance)),
         obstacle=None if plan is None else obstacle_depth(plan, samples.xy, x, y).astype(np.float32),
     )
     say(1.0, "done")

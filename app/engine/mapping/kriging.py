@@ -19,6 +19,7 @@ _CHUNK = 2048
 class Covariance:
     """Covariance of field samples, in units of the field's variance (the sill).
 
+    The field is the sum of a coarse part (the building, far steel) and a fine one (reinforcement, shop fronts).
     A sample is field + the walk's own error + white noise. The walk's error (wrong position times gradient, height and
     carrying, passing metal) is correlated along the walk; without it a walk's many samples would
     count as independent witnesses and the map would claim a standard deviation it does not have.
@@ -26,7 +27,11 @@ class Covariance:
     Attributes
     ----------
     length_m : float
-        Matern 3/2 length of the field.
+        Matern 3/2 length of the field's coarse part.
+    fine : float
+        Variance of its fine part, 0 to 1.
+    fine_length_m : float
+        Matern 3/2 length of that.
     error : float
         Variance of the walk's own error.
     error_length_m : float
@@ -36,9 +41,11 @@ class Covariance:
     """
 
     length_m: float = 5.0
-    error: float = 0.6
+    error: float = 0.4
     error_length_m: float = 2.0
     white: float = 0.1
+    fine: float = 0.5
+    fine_length_m: float = 1.5
 
     @property
     def noise(self) -> float:
@@ -47,7 +54,8 @@ class Covariance:
 
     def kernel_parameters(self) -> Float64Array:
         """Parameters as the kernel wants them."""
-        return np.array([np.sqrt(3.0) / self.length_m, self.error, 1.0 / self.error_length_m, self.white])
+        coarse, fine = np.sqrt(3.0) / self.length_m, np.sqrt(3.0) / self.fine_length_m
+        return np.array([coarse, self.error, 1.0 / self.error_length_m, self.white, self.fine, fine])
 
 
 @dataclass(frozen=True, slots=True)
