@@ -141,13 +141,13 @@ def test_wifi_is_given_out_when_it_was_reported_not_when_it_was_heard(tmp_path: 
 
 
 def test_beacons_are_heard_when_they_are_reported(tmp_path: Path) -> None:
-    heard = {"b": [(2000, "uuid-1-2", -80), (1000, "uuid-1-1", -70), (3000, "uuid-1-1", 0)]}
+    heard = {"b": [(2000, "c0:02", -80), (1000, "c0:01", -70), (3000, "c0:01", 0)]}
     write_level(tmp_path / "x-F1", [straight_walk("a"), straight_walk("b")], ble=heard)
     first, second = open_ilc20(tmp_path).level("x-F1").walks()
     assert first.ble is None
     log = second.ble_log
     assert log is not None
-    assert log.scans.address == ("uuid-1-1", "uuid-1-2")  # 0 dBm is no reading
+    assert log.scans.address == ("c0:01", "c0:02")  # 0 dBm is no reading
     np.testing.assert_allclose(log.scans.t - START_MS / 1000, [1.0, 2.0], atol=1e-3)
     np.testing.assert_array_equal(log.reported_t, log.scans.t)
     assert second.survey_walk().ble is second.ble

@@ -110,7 +110,7 @@ def write_level(
         pq.write_table(pa.table({n: [row[i] for row in rows] for i, n in enumerate(names)}), folder / "wifi.parquet")
     if ble is not None:
         rows = [(walk_id, *row) for walk_id, heard in ble.items() for row in heard]
-        names = ("trace_id", "t", "key", "rssi")
+        names = ("trace_id", "t", "mac", "rssi")
         pq.write_table(pa.table({n: [row[i] for row in rows] for i, n in enumerate(names)}), folder / "beacon.parquet")
 
 
