@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -42,6 +43,8 @@ class IntegrityPolicy:
         Share of the belief that the listed places must hold for a fix to be called ambiguous; below it is insufficient.
     found : float
         Share of the belief that one place must hold to be taken for the right one.
+    found_steps : int
+        For so many steps on end.
     found_m : float
         Metres that must have been walked by then.
     """
@@ -56,8 +59,9 @@ class IntegrityPolicy:
     memory_m: float = 4.0
     search_m: float = 8.0
     listed: float = 0.8
-    found: float = 0.98
-    found_m: float = 20.0
+    found: float = 0.995
+    found_steps: int = 7
+    found_m: float = 25.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,20 +130,32 @@ def judge(estimate: Estimate, integrity: Integrity, policy: IntegrityPolicy) -> 
     return Verdict(Status.OK, quality, sigma <= policy.sure_m, walk_on_m=None)
 
 
-def confirmed(belief: Belief, walked_m: float, policy: IntegrityPolicy) -> bool:
-    """Whether one place carries enough of the belief to be taken for the right one."""
-    first = belief.places[0].mode
-    return walked_m >= policy.found_m and first.weight >= policy.found and spread(first) < policy.settle_m
+def confirmed(beliefs: Sequence[Belief], walked_m: float, policy: IntegrityPolicy) -> bool:
+    """Whether one place has carried enough of the belief for long enough to be taken for the right one.
+
+    ``beliefs`` are those after each of the last steps, newest last.
+    """
+    held = [belief.places[0].mode for belief in beliefs[-policy.found_steps :]]
+    return (
+        walked_m >= policy.found_m
+        and len(held) >= policy.found_steps
+        and min(mode.weight for mode in held) >= policy.found
+        and spread(held[-1]) < policy.settle_m
+    )
 
 
-def search_fix(t: float, belief: Belief, walked_m: float, policy: IntegrityPolicy, *, hypotheses: bool = False) -> Fix:
+def search_fix(
+    t: float, beliefs: Sequence[Belief], walked_m: float, policy: IntegrityPolicy, *, hypotheses: bool = False
+) -> Fix:
     """Fix while the place is searched: the heaviest place, what is claimed of it, and on request the other places.
 
-    Until one place is confirmed, the covariance is that of all particles about the first place.
+    ``beliefs`` are those after each of the last steps up to this one. Until one place is confirmed, the covariance is
+    that of all particles about the first place.
     """
+    belief = beliefs[-1]
     places, e = belief.places, belief.estimate
     first = places[0].mode
-    if confirmed(belief, walked_m, policy):
+    if confirmed(beliefs, walked_m, policy):
         sigma = spread(first)
         verdict = Verdict(
             Status.OK, first.weight / (1.0 + (sigma / 3.0) ** 2), sure=sigma <= policy.sure_m, walk_on_m=None

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import asdict, dataclass, replace
-from typing import Any
+from collections import deque
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from app.engine.errors import StateError
 from app.engine.filtering import (
     Advance,
-    Cloud,
-    Estimate,
     FilterGrid,
     ParticleNoise,
     advance_cloud,
@@ -21,7 +19,12 @@ from app.engine.filtering import (
 )
 from app.engine.inertial import PedestrianState, StepEvents, advance, gap_before, settled_until
 from app.engine.inertial.stride import weinberg
-from app.engine.localization import codec
+from app.engine.localization.aids import (
+    Evaluator,
+    Sighting,
+    at_way,
+    sightings,
+)
 from app.engine.localization.initial import (
     FORGET_S,
     WALKING_M_S,
@@ -38,8 +41,10 @@ from app.engine.localization.integrity import (
     search_fix,
     spread,
 )
-from app.engine.localization.profile import join, newest, profile_from, profile_values
+from app.engine.localization.profile import join, newest
+from app.engine.localization.radio import RadioMemory
 from app.engine.localization.search import Belief, Place, SearchPolicy, channels, search
+from app.engine.localization.session import Quest, SessionState, Track, estimate_of, weigh_by
 from app.engine.types import (
     DeviceCalibration,
     FeatureSet,
@@ -73,93 +78,6 @@ class ParticleParameters:
 
 LEARN_M = 20.0
 """Metres that must have been tracked before a session teaches anything about its device."""
-
-
-@dataclass(slots=True)
-class Track:
-    """Place known: level, heading at the last step (free azimuth, rad), particles, estimate."""
-
-    level_id: str
-    features: FeatureSet
-    heading: float
-    cloud: Cloud
-    estimate: Estimate
-    integrity: Integrity
-
-    def calibration(self) -> DeviceCalibration | None:
-        """What the particles say of the device; None if their offsets are not those of three axes."""
-        return learned_calibration(self.cloud) if self.features is FeatureSet.VECTOR else None
-
-
-@dataclass(slots=True)
-class Quest:
-    """Place unknown: what is known of the start, and the steps since then (all of them if ``whole``)."""
-
-    prior: Prior
-    events: StepEvents | None = None
-    whole: bool = True
-
-
-@dataclass(slots=True)
-class SessionState:
-    """Tracker state, decoded. ``count`` segments have been taken.
-
-    Before the first there is neither ``pedestrian`` nor ``track`` nor ``quest``; then the session is on a quest until
-    its place is known, and on a track from there. ``beginning`` is not kept: it is the track's first moment, known once
-    the quest has ended.
-    """
-
-    prior: Prior
-    seed: int
-    count: int = 0
-    pedestrian: PedestrianState | None = None
-    track: Track | None = None
-    quest: Quest | None = None
-    beginning: Track | None = None
-
-    def encode(self) -> bytes:
-        """As bytes."""
-        track, quest, pedestrian = self.track, self.quest, self.pedestrian
-        values: dict[str, Any] = {"prior": codec.prior_values(self.prior), "seed": self.seed, "count": self.count}
-        if pedestrian is not None:
-            values["pedestrian"] = codec.pedestrian_values(pedestrian)
-        if track is not None:
-            values["track"] = {
-                "level_id": track.level_id,
-                "features": track.features.value,
-                "heading": track.heading,
-                "particles": track.cloud.p,
-                "moved": track.cloud.moved,
-                "estimate": asdict(track.estimate),
-                "integrity": asdict(track.integrity),
-            }
-        if quest is not None:
-            events = None if quest.events is None else profile_values(quest.events)
-            values["quest"] = {"prior": codec.prior_values(quest.prior), "events": events, "whole": quest.whole}
-        return codec.pack(values)
-
-    @classmethod
-    def decode(cls, payload: bytes) -> SessionState:
-        """Inverse of :meth:`encode`; StateError if damaged."""
-        values = codec.unpack(payload)
-        session = cls(codec.prior_from(values["prior"]), values["seed"], values["count"])
-        if "pedestrian" in values:
-            session.pedestrian = codec.pedestrian_state(values["pedestrian"])
-        if "track" in values:
-            track = values["track"]
-            session.track = Track(
-                level_id=track["level_id"],
-                features=FeatureSet(track["features"]),
-                heading=track["heading"],
-                cloud=Cloud(track["particles"], track["moved"]),
-                estimate=Estimate(**track["estimate"]),
-                integrity=Integrity(**track["integrity"]),
-            )
-        if "quest" in values:
-            quest = values["quest"]
-            events = None if quest["events"] is None else profile_from(quest["events"])
-            session.quest = Quest(codec.prior_from(quest["prior"]), events, quest["whole"])
-        return session
 
 
 class ParticleTracker:
@@ -227,14 +145,42 @@ class ParticleTracker:
         elif gap > 0.0:
             self._resume(session, gap, map_source, first, rng)
         session.count += 1
+        way = session.travelled_m + np.concatenate([[0.0], np.cumsum(weinberg(events.swing))])
+        radio, (memory, seen) = session.aids.radio, sightings(segment, session.aids, session.travelled_m)
+        session.aids, session.travelled_m = memory, float(way[-1])
+        seen = at_way(seen, events.t, way)
         if session.quest is not None:
+            session.quest.sightings += seen
             yield from ((fix, None) for fix in self._search(session, session.quest, events, first, map_source, t))
         elif session.track is not None:
-            grid = self._grid(map_source, session.track.level_id)
-            for i in range(len(events)):
-                moved = self._advance(session.track, grid, events, i, rng)
-                yield self._fix(session.track, float(events.t[i])), moved
-            yield self._fix(session.track, t), None
+            yield from self._follow(session, session.track, events, seen, radio, map_source, t, rng)
+
+    def _follow(
+        self,
+        session: SessionState,
+        track: Track,
+        events: StepEvents,
+        seen: Sequence[Sighting],
+        radio: RadioMemory,
+        map_source: MapSource,
+        t: float,
+        rng: np.random.Generator,
+    ) -> Iterator[tuple[Fix, Advance | None]]:
+        """Track the steps of a segment; evidence beside the field counts before the step that follows it."""
+        grid = self._grid(map_source, track.level_id)
+        evaluator = Evaluator(map_source, (track.level_id,), radio)
+        waiting = deque(seen)
+        for i in range(len(events)):
+            while waiting and waiting[0].t <= events.t[i]:
+                weigh_by(track, evaluator, waiting.popleft())
+            moved = self._advance(track, grid, events, i, rng)
+            yield self._fix(track, float(events.t[i])), moved
+        if waiting:
+            for sighting in waiting:
+                weigh_by(track, evaluator, sighting)
+            track.estimate = estimate_of(track.cloud, grid)
+        session.aids = replace(session.aids, radio=replace(evaluator.memory, last_t=session.aids.radio.last_t))
+        yield self._fix(track, t), None
 
     def _grid(self, map_source: MapSource, level_id: str) -> FilterGrid:
         grid_map = map_source.grid_map(level_id)
@@ -256,7 +202,7 @@ class ParticleTracker:
         heading, reading = first
         grid = self._grid(map_source, prior.level_id)
         cloud = initial_cloud(prior, grid, reading, self.parameters.particles, self.spread, rng)
-        session.track = Track(prior.level_id, grid.features, heading, cloud, estimate_equal(cloud, grid), Integrity())
+        session.track = Track(prior.level_id, grid.features, heading, cloud, estimate_of(cloud, grid), Integrity())
 
     def _resume(
         self,
@@ -279,7 +225,7 @@ class ParticleTracker:
             grid = self._grid(map_source, track.level_id)
             cloud = cloud_after_gap(track.cloud, gap_s, grid, reading, track.cloud.n, self.spread, rng)
             session.track = Track(
-                track.level_id, grid.features, heading, cloud, estimate_equal(cloud, grid), track.integrity.resumed()
+                track.level_id, grid.features, heading, cloud, estimate_of(cloud, grid), track.integrity.resumed()
             )
 
     def _about(self, track: Track, reach: float) -> Prior:
@@ -303,36 +249,41 @@ class ParticleTracker:
             quest.events = newest(quest.events, self.search.window)
             quest.prior = replace(quest.prior, x=None, y=None)  # known of a start that is forgotten by now
             quest.whole = False
+            quest.sightings = tuple(s for s in quest.sightings if s.t > quest.events.t[0])
         rng = np.random.default_rng(session.seed)  # the same steps give the same answer: nothing flickers at rest
         level_ids = map_source.level_ids() if quest.prior.level_id is None else (quest.prior.level_id,)
         grids = {level_id: self._grid(map_source, level_id) for level_id in level_ids}
         if len(quest.events) == 0:
             yield self._unstarted(quest.prior, grids, first[1], t, rng)
             return
+        evaluator = Evaluator(map_source, level_ids)
+        pieces = (evaluator.evidence(sighting) for sighting in quest.sightings)
         found = search(
             quest.events,
             grids,
             quest.prior,
+            [piece for piece in pieces if piece is not None],
             particles=self.parameters.cold_particles,
-            report=max(len(events), 1),
+            report=len(events) + self.policy.found_steps,
             spread=self.spread,
             policy=self.search,
             rng=rng,
         )
         walked = float(weinberg(quest.events.swing).sum())
+        beliefs = found.beliefs
         for i in range(len(events)):
-            yield search_fix(float(events.t[i]), found.beliefs[i], walked, self.policy)
-        last = found.beliefs[-1]
-        yield search_fix(t, last, walked, self.policy, hypotheses=True)
-        if confirmed(last, walked, self.policy):
+            yield search_fix(float(events.t[i]), beliefs[: len(beliefs) - len(events) + i + 1], walked, self.policy)
+        yield search_fix(t, beliefs, walked, self.policy, hypotheses=True)
+        if confirmed(beliefs, walked, self.policy):
             cloud = found.cloud.thin(self.parameters.particles, float(rng.random()))
             integrity, grid = Integrity(walked_m=walked, settled=True), grids[found.level_id]
             session.track = Track(
-                found.level_id, grid.features, float(quest.events.heading[-1]), cloud, last.estimate, integrity
+                found.level_id, grid.features, float(quest.events.heading[-1]), cloud, beliefs[-1].estimate, integrity
             )
             session.quest = None
+            session.aids = replace(session.aids, radio=replace(evaluator.memory, last_t=session.aids.radio.last_t))
             if quest.whole:
-                e, first_heading = estimate_equal(found.start, grid), float(quest.events.heading[0])
+                e, first_heading = estimate_of(found.start, grid), float(quest.events.heading[0])
                 session.beginning = Track(
                     found.level_id, grid.features, first_heading, found.start, e, Integrity(settled=True)
                 )
@@ -343,8 +294,8 @@ class ParticleTracker:
         """Before the first step nothing is known but the prior."""
         level_id, grid = next(iter(grids.items()))
         cloud = initial_cloud(prior, grid, reading, self.parameters.particles, self.spread, rng)
-        belief = Belief((Place(level_id, find_modes(cloud)[0]),), estimate_equal(cloud, grid))
-        return search_fix(t, belief, 0.0, self.policy)
+        belief = Belief((Place(level_id, find_modes(cloud)[0]),), estimate_of(cloud, grid))
+        return search_fix(t, (belief,), 0.0, self.policy)
 
     def _advance(self, track: Track, grid: FilterGrid, events: StepEvents, i: int, rng: np.random.Generator) -> Advance:
         stride = float(weinberg(events.swing[i : i + 1])[0])
@@ -387,34 +338,3 @@ def first_reading(pedestrian: PedestrianState, events: StepEvents) -> tuple[floa
     if len(events):
         return float(events.heading[0]), events.mag[0]
     return float(pedestrian.tail.heading[-1]), pedestrian.tail.mag[-10:].mean(axis=0)
-
-
-def learned_calibration(cloud: Cloud) -> DeviceCalibration:
-    """Moments of the particles' offsets (each with its own variance) and stride scales."""
-    p = cloud.p.astype(np.float64)
-    w = p[14] / p[14].sum()
-    offset = p[6:9] @ w
-    own = np.stack([p[12], p[12], p[13]]) @ w
-    sd = np.sqrt(own + (p[6:9] - offset[:, None]) ** 2 @ w)
-    scale = float(p[4] @ w)
-    return DeviceCalibration(
-        offset=(float(offset[0]), float(offset[1]), float(offset[2])),
-        offset_sd=(float(sd[0]), float(sd[1]), float(sd[2])),
-        stride_scale=scale,
-        stride_scale_sd=float(np.sqrt((p[4] - scale) ** 2 @ w)),
-    )
-
-
-def estimate_equal(cloud: Cloud, grid: FilterGrid) -> Estimate:
-    """Estimate of equally weighted particles that have not moved yet."""
-    x, y = cloud.p[0].astype(np.float64), cloud.p[1].astype(np.float64)
-    cov = np.cov(x, y)
-    return Estimate(
-        x=float(x.mean()),
-        y=float(y.mean()),
-        cov_xx=float(cov[0, 0]),
-        cov_xy=float(cov[0, 1]),
-        cov_yy=float(cov[1, 1]),
-        heading=float(np.angle(np.mean(cloud.p[2] + 1j * cloud.p[3]))),
-        mapped=float(grid.lookup(x, y)[:, 5].mean()),
-    )

@@ -11,7 +11,7 @@ a search has every other place of the building to tell from the right one.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -19,6 +19,7 @@ import numpy as np
 from app.engine.filtering import Cloud, Estimate, FilterGrid, Mode, ParticleNoise, advance_cloud, find_modes
 from app.engine.inertial import StepEvents
 from app.engine.inertial.stride import weinberg
+from app.engine.localization.aids import Evidence, top, weigh_cloud
 from app.engine.localization.initial import InitialSpread, initial_cloud
 from app.engine.types import FeatureSet, Float64Array, Prior
 
@@ -114,6 +115,7 @@ def search(
     events: StepEvents,
     grids: Mapping[str, FilterGrid],
     prior: Prior,
+    evidence: Sequence[Evidence] = (),
     *,
     particles: int,
     report: int,
@@ -131,15 +133,21 @@ def search(
         At least one.
     prior : Prior
         Its disc and heading, if it has any, and the device's calibration.
+    evidence : sequence of Evidence
+        Beside the field, in time order.
     particles : int
         Number to begin with, over all levels.
     report : int
-        Beliefs are given after each of the last ``report`` steps, at least one.
+        Beliefs are given after each of the last ``report`` steps, at least one; fewer if the walk has fewer.
     """
     each = max(particles // len(grids), min(policy.least, particles))
     asked = max(len(events) - report, 0)
-    runs = {level_id: _run(events, grid, prior, each, asked, spread, policy, rng) for level_id, grid in grids.items()}
-    level_ids = list(runs)
+    level_ids = list(grids)
+    aids = _Aids(evidence, events.t, level_ids)
+    runs = {
+        level_id: _run(events, level_id, grid, prior, aids, each, asked, spread, policy, rng)
+        for level_id, grid in grids.items()
+    }
     log_likelihood = np.stack([runs[level_id].log_likelihood for level_id in level_ids])
     shares = np.exp(log_likelihood - log_likelihood.max(axis=0))
     shares /= shares.sum(axis=0)
@@ -150,10 +158,27 @@ def search(
     return Found(beliefs, best, runs[best].cloud, runs[best].start)
 
 
+class _Aids:
+    """Evidence by the step before which it was seen, in the unit of the most it gives any place."""
+
+    def __init__(self, evidence: Sequence[Evidence], t: Float64Array, level_ids: Sequence[str]) -> None:
+        self._at: dict[int, list[tuple[Evidence, float]]] = {}
+        for piece in evidence:
+            step = int(np.searchsorted(t, piece.t))
+            self._at.setdefault(step, []).append((piece, top(piece, level_ids)))
+
+    def weigh(self, cloud: Cloud, level_id: str, step: int) -> None:
+        """Weigh particles on a level with what was seen since the step before."""
+        for piece, log_unit in self._at.get(step, ()):
+            weigh_cloud(cloud, piece, level_id, log_unit=log_unit)
+
+
 def _run(
     events: StepEvents,
+    level_id: str,
     grid: FilterGrid,
     prior: Prior,
+    aids: _Aids,
     n: int,
     asked: int,
     spread: InitialSpread,
@@ -170,6 +195,7 @@ def _run(
         if i in thinning:
             index = cloud.draw(max(int(thinning[i] * n), 100), float(rng.random()))
             cloud, origin = cloud.take(index), origin[index]
+        aids.weigh(cloud, level_id, i)
         moved = advance_cloud(
             cloud,
             grid,

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from app.engine.filtering import Advance
 from app.engine.inertial import gap_before
 from app.engine.localization.integrity import calibrate, judge
-from app.engine.localization.particle import ParticleTracker, SessionState, Track
+from app.engine.localization.particle import ParticleTracker
+from app.engine.localization.session import SessionState, Track
 from app.engine.types import Fix, Float32Array, Float64Array, MapSource, Prior, Segment
 
 SMOOTHING_PARTICLES = 6000

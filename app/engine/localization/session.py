@@ -1,0 +1,172 @@
+"""State of a particle tracker's session: on a quest for the place, or on a track from it."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+import numpy as np
+
+from app.engine.filtering import Cloud, Estimate, FilterGrid
+from app.engine.inertial import PedestrianState, StepEvents
+from app.engine.localization import codec
+from app.engine.localization.aids import (
+    AidMemory,
+    Evaluator,
+    Sighting,
+    memory_from,
+    memory_values,
+    sighting_from,
+    sighting_values,
+    top,
+    weigh_cloud,
+)
+from app.engine.localization.integrity import Integrity
+from app.engine.localization.profile import profile_from, profile_values
+from app.engine.types import DeviceCalibration, FeatureSet, Prior
+
+_LOST = 1e-12
+
+
+@dataclass(slots=True)
+class Track:
+    """Place known: level, heading at the last step (free azimuth, rad), particles, estimate."""
+
+    level_id: str
+    features: FeatureSet
+    heading: float
+    cloud: Cloud
+    estimate: Estimate
+    integrity: Integrity
+
+    def calibration(self) -> DeviceCalibration | None:
+        """What the particles say of the device; None if their offsets are not those of three axes."""
+        return learned_calibration(self.cloud) if self.features is FeatureSet.VECTOR else None
+
+
+@dataclass(slots=True)
+class Quest:
+    """Place unknown: what is known of the start, and the steps since then (all of them if ``whole``)."""
+
+    prior: Prior
+    events: StepEvents | None = None
+    whole: bool = True
+    sightings: tuple[Sighting, ...] = ()
+
+
+@dataclass(slots=True)
+class SessionState:
+    """Tracker state, decoded. ``count`` segments have been taken.
+
+    Before the first there is neither ``pedestrian`` nor ``track`` nor ``quest``; then the session is on a quest until
+    its place is known, and on a track from there. ``beginning`` is not kept: it is the track's first moment, known once
+    the quest has ended.
+    """
+
+    prior: Prior
+    seed: int
+    count: int = 0
+    pedestrian: PedestrianState | None = None
+    track: Track | None = None
+    quest: Quest | None = None
+    aids: AidMemory = field(default_factory=AidMemory)
+    travelled_m: float = 0.0
+    beginning: Track | None = None
+
+    def encode(self) -> bytes:
+        """As bytes."""
+        track, quest, pedestrian = self.track, self.quest, self.pedestrian
+        values: dict[str, Any] = {"prior": codec.prior_values(self.prior), "seed": self.seed, "count": self.count}
+        values["aids"], values["travelled_m"] = memory_values(self.aids), self.travelled_m
+        if pedestrian is not None:
+            values["pedestrian"] = codec.pedestrian_values(pedestrian)
+        if track is not None:
+            values["track"] = {
+                "level_id": track.level_id,
+                "features": track.features.value,
+                "heading": track.heading,
+                "particles": track.cloud.p,
+                "moved": track.cloud.moved,
+                "estimate": asdict(track.estimate),
+                "integrity": asdict(track.integrity),
+            }
+        if quest is not None:
+            events = None if quest.events is None else profile_values(quest.events)
+            values["quest"] = {
+                "prior": codec.prior_values(quest.prior),
+                "events": events,
+                "whole": quest.whole,
+                "sightings": [sighting_values(s) for s in quest.sightings],
+            }
+        return codec.pack(values)
+
+    @classmethod
+    def decode(cls, payload: bytes) -> SessionState:
+        """Inverse of :meth:`encode`; StateError if damaged."""
+        values = codec.unpack(payload)
+        session = cls(codec.prior_from(values["prior"]), values["seed"], values["count"])
+        session.aids, session.travelled_m = memory_from(values["aids"]), values["travelled_m"]
+        if "pedestrian" in values:
+            session.pedestrian = codec.pedestrian_state(values["pedestrian"])
+        if "track" in values:
+            track = values["track"]
+            session.track = Track(
+                level_id=track["level_id"],
+                features=FeatureSet(track["features"]),
+                heading=track["heading"],
+                cloud=Cloud(track["particles"], track["moved"]),
+                estimate=Estimate(**track["estimate"]),
+                integrity=Integrity(**track["integrity"]),
+            )
+        if "quest" in values:
+            quest = values["quest"]
+            events = None if quest["events"] is None else profile_from(quest["events"])
+            session.quest = Quest(codec.prior_from(quest["prior"]), events, quest["whole"])
+            session.quest.sightings = tuple(sighting_from(s) for s in quest["sightings"])
+        return session
+
+
+def learned_calibration(cloud: Cloud) -> DeviceCalibration:
+    """Moments of the particles' offsets (each with its own variance) and stride scales."""
+    p = cloud.p.astype(np.float64)
+    w = p[14] / p[14].sum()
+    offset = p[6:9] @ w
+    own = np.stack([p[12], p[12], p[13]]) @ w
+    sd = np.sqrt(own + (p[6:9] - offset[:, None]) ** 2 @ w)
+    scale = float(p[4] @ w)
+    return DeviceCalibration(
+        offset=(float(offset[0]), float(offset[1]), float(offset[2])),
+        offset_sd=(float(sd[0]), float(sd[1]), float(sd[2])),
+        stride_scale=scale,
+        stride_scale_sd=float(np.sqrt((p[4] - scale) ** 2 @ w)),
+    )
+
+
+def weigh_by(track: Track, evaluator: Evaluator, sighting: Sighting) -> None:
+    """Let a sighting count for the particles of a track; weights stay normalized."""
+    evidence = evaluator.evidence(sighting)
+    if evidence is None:
+        return
+    before = track.cloud.p[14].copy()
+    weigh_cloud(track.cloud, evidence, track.level_id, log_unit=top(evidence, (track.level_id,)))
+    total = float(track.cloud.p[14].sum(dtype=np.float64))
+    if total > _LOST:
+        track.cloud.p[14] /= np.float32(total)
+    else:  # it rules all particles out: evidence or track is wrong, and it is not for one reading to say which
+        track.cloud.p[14] = before
+
+
+def estimate_of(cloud: Cloud, grid: FilterGrid) -> Estimate:
+    """Moments of weighted particles between two steps."""
+    x, y = cloud.p[0].astype(np.float64), cloud.p[1].astype(np.float64)
+    w = cloud.p[14] / cloud.p[14].sum(dtype=np.float64)
+    mx, my = float(w @ x), float(w @ y)
+    return Estimate(
+        x=mx,
+        y=my,
+        cov_xx=float(w @ (x - mx) ** 2),
+        cov_xy=float(w @ ((x - mx) * (y - my))),
+        cov_yy=float(w @ (y - my) ** 2),
+        heading=float(np.angle(np.sum(w * (cloud.p[2] + 1j * cloud.p[3])))),
+        mapped=float(w @ grid.lookup(x, y)[:, 5]),
+    )
