@@ -11,6 +11,7 @@ from app.engine.errors import InputError, MapError
 from app.engine.mapping.kriging import FieldLevel, FieldSamples, krige_grid
 from app.engine.mapping.offsets import WalkOffsets, estimate_offsets, no_offsets
 from app.engine.mapping.plan import FloorPlan, obstacle_depth
+from app.engine.mapping.radio import build_radio_map
 from app.engine.mapping.samples import PlacedSamples, place_samples
 from app.engine.mapping.variogram import field_level, fit_covariance, repeatability
 from app.engine.types import (
@@ -85,6 +86,7 @@ def build_map(
         mapped_m=settings.mapped_m,
         noise_sd=tuple(float(s) for s in repeatability(samples, covariance)),
         obstacle=None if plan is None else obstacle_depth(plan, samples.xy, x, y).astype(np.float32),
+        radio=build_radio_map(walks, placed),
     )
     say(1.0, "done")
     return MapBuild(

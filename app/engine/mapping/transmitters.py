@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import sparse
 from scipy.interpolate import RegularGridInterpolator
-from scipy.linalg import solve_triangular
+from scipy.linalg.lapack import strtri
 
 from app.engine.types import Float32Array, Float64Array, IntArray
 
@@ -187,22 +187,23 @@ def fit_strength(cells: CellReadings, x: Float64Array, y: Float64Array, model: S
     xx, yy = (axis.ravel() for axis in np.meshgrid(x, y))
     nodes = np.stack([xx, yy], axis=1)
     coarse = _Coarse.of(x, y)
-    to_nodes = _covariance(nodes, cells.xy, model)
-    to_coarse = _covariance(coarse.nodes, cells.xy, model)
+    to_nodes = _covariance(cells.xy, nodes, model)
+    to_coarse = _covariance(cells.xy, coarse.nodes, model)
     between = _covariance(cells.xy, cells.xy, model)
+    noise = cells.noise.astype(np.float32)
     n = cells.n_transmitters
     mean, sd = np.empty((n, nodes.shape[0]), np.float32), np.empty((n, coarse.nodes.shape[0]), np.float32)
     steady = np.ones(n, dtype=bool)
     for i in range(n):
         part = slice(cells.first[i], cells.first[i + 1])
         at = cells.cell[part]
-        root = np.linalg.cholesky(between[np.ix_(at, at)] + np.diag(cells.noise[part]))
-        inverse = solve_triangular(root, np.eye(len(at)), lower=True, check_finite=False)
-        alpha = inverse.T @ (inverse @ (cells.mean[part] - trend.strength(i, cells.xy[at])))
+        # single precision is enough: the noise on the diagonal keeps the condition below a hundred or two
+        inverse, _ = strtri(np.linalg.cholesky(between[np.ix_(at, at)] + np.diag(noise[part])), lower=1)
+        alpha = inverse.T @ (inverse @ (cells.mean[part] - trend.strength(i, cells.xy[at])).astype(np.float32))
         excess = _excess(alpha, inverse)
         steady[i] = excess <= model.moves
-        mean[i] = trend.strength(i, nodes) + to_nodes[:, at] @ alpha.astype(np.float32)
-        told = inverse.astype(np.float32) @ to_coarse[:, at].T
+        mean[i] = trend.strength(i, nodes) + alpha @ to_nodes[at]
+        told = inverse @ to_coarse[at]
         left = np.maximum(model.field_var - np.einsum("ij,ij->j", told, told), 0.0)
         sd[i] = np.sqrt(max(excess, 1.0) * (left + model.noise))
     kept = np.flatnonzero(steady)
@@ -215,7 +216,7 @@ def _covariance(a: Float64Array, b: Float64Array, model: StrengthModel) -> Float
     return covariance
 
 
-def _excess(alpha: Float64Array, inverse: Float64Array) -> float:
+def _excess(alpha: Float32Array, inverse: Float32Array) -> float:
     """Mean squared standardized residual of each cell when left out (Rasmussen and Williams 2006, section 5.4.2)."""
     z2 = alpha**2 / np.einsum("ij,ij->j", inverse, inverse)
     return float(np.minimum(z2, _Z2_CAP).mean())
