@@ -6,20 +6,36 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 
-def level(t, mag, acc, gyro, rotation, t0, heading, gain):
-    """Attitude with rotation vectors in place of quaternion increments. Returns (n, 5) as the kernel."""
-    out = np.empty((len(t), 5))
+def level(t, mag, acc, gyro, moving, rotation, t0, heading, rest, par):
+    """Attitude with rotation vectors in place of quaternion increments. Returns (n, 8) as the kernel."""
+    gain, mean_s, gyro_var, rate_max, acc_var, settle_s, learn_s = par
+    offset, mean_gyro, var_gyro, mean_acc, var_acc, at_rest = (
+        rest[0:3].copy(), rest[3:6].copy(), rest[6], rest[7:10].copy(), rest[10], rest[11]
+    )  # fmt: skip
+    out = np.empty((len(t), 8))
     for i in range(len(t)):
+        dt = t[i] - t0
+        a = 1.0 - np.exp(-dt / mean_s)
+        var_gyro = (1 - a) * var_gyro + a * np.sum((gyro[i] - mean_gyro) ** 2)
+        var_acc = (1 - a) * var_acc + a * np.sum((acc[i] - mean_acc) ** 2)
+        mean_gyro = (1 - a) * mean_gyro + a * gyro[i]
+        mean_acc = (1 - a) * mean_acc + a * acc[i]
+        quiet = var_gyro < gyro_var and np.linalg.norm(mean_gyro) < rate_max and var_acc < acc_var
+        at_rest = at_rest + dt if quiet and not moving[i] else 0.0
+        if at_rest > settle_s:
+            keep = np.exp(-dt / learn_s)
+            offset = keep * offset + (1 - keep) * gyro[i]
         up = rotation.inv().apply([0.0, 0.0, 1.0])
-        rate = gyro[i].copy()
+        rate = gyro[i] - offset
         norm = np.linalg.norm(acc[i])
         if norm > 1.0:
             rate += gain / (1.0 + ((norm - 9.81) / 2.0) ** 2) * np.cross(acc[i] / norm, up)
-        rotation = rotation * Rotation.from_rotvec(rate * (t[i] - t0))
+        rotation = rotation * Rotation.from_rotvec(rate * dt)
         t0 = t[i]
+        up = rotation.inv().apply([0.0, 0.0, 1.0])
         forward = rotation.apply([0.0, 1.0, 0.0])
         if np.hypot(forward[0], forward[1]) < 0.5:
-            forward = rotation.apply([0.0, 0.0, -1.0])
+            forward = rotation.apply([0.0, 0.0, -1.0 if up[1] > 0 else 1.0])
         turn = np.arctan2(forward[1], forward[0]) - heading
         heading += turn - 2.0 * np.pi * np.floor(turn / (2.0 * np.pi) + 0.5)
         m = rotation.apply(mag[i])
@@ -28,6 +44,7 @@ def level(t, mag, acc, gyro, rotation, t0, heading, gain):
         out[i, 2] = m[2]
         out[i, 3] = heading
         out[i, 4] = rotation.apply(acc[i])[2]
+        out[i, 5:] = up
     return out
 
 

@@ -16,6 +16,9 @@ from app.engine.kernels.windows import pauta_means
 from app.engine.mapping.kriging import Covariance
 from tests.reference import naive
 
+LEVEL = np.array([0.25, 1.0, 4e-4, 0.02, 0.06, 1.5, 2.0])
+"""Parameters of the attitude kernel."""
+
 
 @pytest.fixture
 def rng() -> np.random.Generator:
@@ -23,33 +26,53 @@ def rng() -> np.random.Generator:
 
 
 class TestAttitude:
-    @pytest.mark.parametrize("hold", ["flat", "upright", "face down"])
+    @pytest.mark.parametrize("hold", ["flat", "upright", "upside down", "face down"])
     def test_agrees_with_rotation_vectors(self, rng: np.random.Generator, hold: str) -> None:
         n = 400
         t = np.cumsum(rng.uniform(0.005, 0.03, n))
         start = {
             "flat": Rotation.identity(),
             "upright": Rotation.from_euler("x", 80, degrees=True),
+            "upside down": Rotation.from_euler("x", -75, degrees=True),
             "face down": Rotation.from_euler("y", 170, degrees=True),
         }[hold]
         gyro = 0.8 * np.sin(np.outer(t, [1.0, 1.3, 0.7])) + 0.1 * rng.standard_normal((n, 3))
         acc = start.inv().apply([0.0, 0.0, 9.81]) + 2.0 * rng.standard_normal((n, 3))
         mag = 30.0 * rng.standard_normal((n, 3))
         x, y, z, w = start.as_quat()
-        out = np.empty((n, 5))
-        level(t, mag, acc, gyro, np.array([w, x, y, z]), np.array([0.0, 0.0]), 0.25, out)
-        expected = naive.level(t, mag, acc, gyro, start, 0.0, 0.0, 0.25)
+        moving, rest = np.zeros(n, dtype=bool), np.zeros(12)
+        out = np.empty((n, 8))
+        level(t, mag, acc, gyro, moving, np.array([w, x, y, z]), np.zeros(2), rest.copy(), LEVEL, out)
+        expected = naive.level(t, mag, acc, gyro, moving, start, 0.0, 0.0, rest, LEVEL)
         # the kernel integrates to first order within a sample: 0.02 rad of turn leave 1e-6 rad each
         np.testing.assert_allclose(out[:, 3], expected[:, 3], atol=2e-3)
         np.testing.assert_allclose(out[:, :3], expected[:, :3], atol=0.3)
         np.testing.assert_allclose(out[:, 4], expected[:, 4], atol=0.03)
+        np.testing.assert_allclose(out[:, 5:], expected[:, 5:], atol=2e-3)
+
+    @pytest.mark.parametrize("moves", [False, True])
+    def test_rest_is_learned_alike(self, rng: np.random.Generator, moves: bool) -> None:
+        """Ten seconds still with a gyroscope that is off, five of waving, ten still again."""
+        n, t = 1250, 0.02 * np.arange(1, 1251)
+        waving = (t > 10) & (t < 15)
+        gyro = np.array([0.004, -0.003, 0.01]) + 0.002 * rng.standard_normal((n, 3))
+        gyro[waving] += np.sin(3.0 * t[waving])[:, None]
+        acc = np.array([0.0, 0.0, 9.81]) + 0.05 * rng.standard_normal((n, 3))
+        mag, moving, rest = np.full((n, 3), 30.0), np.full(n, moves), np.zeros(12)
+        out, last = np.empty((n, 8)), np.zeros(2)
+        rest[9] = 9.8
+        after = rest.copy()
+        level(t, mag, acc, gyro, moving, np.array([1.0, 0, 0, 0]), last, after, LEVEL, out)
+        expected = naive.level(t, mag, acc, gyro, moving, Rotation.identity(), 0.0, 0.0, rest, LEVEL)
+        np.testing.assert_allclose(out, expected, atol=2e-3)
+        np.testing.assert_allclose(after[:3], np.zeros(3) if moves else [0.004, -0.003, 0.01], atol=1e-3)
 
     def test_free_fall_does_not_break_it(self) -> None:
         n = 50
         t = 0.02 * np.arange(1, n + 1)
-        out = np.empty((n, 5))
-        zeros = np.zeros((n, 3))
-        level(t, zeros, zeros, zeros, np.array([1.0, 0, 0, 0]), np.zeros(2), 0.25, out)
+        out = np.empty((n, 8))
+        zeros, still = np.zeros((n, 3)), np.zeros(n, dtype=bool)
+        level(t, zeros, zeros, zeros, still, np.array([1.0, 0, 0, 0]), np.zeros(2), np.zeros(12), LEVEL, out)
         assert np.isfinite(out).all()
 
 

@@ -2,7 +2,8 @@
 
 from app.engine.inertial.attitude import Attitude, LevelledSamples, initial_attitude, level_samples
 from app.engine.inertial.conditioning import common_time_base, window_means
-from app.engine.inertial.pedestrian import PedestrianState, StepEvents, advance, gap_before
+from app.engine.inertial.events import StepEvents
+from app.engine.inertial.pedestrian import PedestrianState, advance, gap_before
 from app.engine.inertial.steps import Steps, detect_steps, find_steps, settled_until
 
 __all__ = [

@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from app.engine.inertial.attitude import Attitude, LevelledSamples, level_samples
+from app.engine.inertial.carrying import Carrying, follow
 from app.engine.inertial.conditioning import window_means
-from app.engine.inertial.steps import MEMORY_S, SETTLE_S, find_steps
-from app.engine.types import Float64Array, ImuSamples
+from app.engine.inertial.counter import Pedometer
+from app.engine.inertial.disturbance import disturbed
+from app.engine.inertial.events import Moments, StepEvents
+from app.engine.inertial.steps import MEMORY_S, SETTLE_S, Steps, find_steps, settled_until
+from app.engine.inertial.stride import MEAN_SWING, weinberg
+from app.engine.inertial.wheels import Odometer
+from app.engine.types import Float64Array, ImuSamples, SpeedReadings, StepCounts
 
 FIELD_WINDOW_S = 0.16
 _PAUSE_S = 0.8
@@ -19,67 +25,76 @@ MAX_GAP_S = 1.0
 
 
 @dataclass(frozen=True, slots=True)
-class StepEvents:
-    """Steps, oldest first.
+class PedestrianState:
+    """What the next segment needs of the ones before.
 
     Attributes
     ----------
-    t : array, shape (k,), s
-    swing : array, shape (k,), m/s^2
-        Vertical swing (see :class:`app.engine.inertial.Steps`).
-    motion_heading : array, shape (k,), rad
-        Mean heading of the device during the step, free azimuth.
-    heading : array, shape (k,), rad
-        Heading of the device at ``t``.
-    mag : array, shape (k, 3), uT
-        Field at ``t``: forward, left, up.
+    attitude : Attitude
+    last_step_t, last_event_t : float, s
+        Of the last step detected and of the last event told.
+    tail : LevelledSamples
+        The last two seconds.
+    carrying : Carrying or None
+    odometer : Odometer
+    pedometer : Pedometer
     """
-
-    t: Float64Array
-    swing: Float64Array
-    motion_heading: Float64Array
-    heading: Float64Array
-    mag: Float64Array
-
-    def __len__(self) -> int:
-        return int(self.t.shape[0])
-
-
-@dataclass(frozen=True, slots=True)
-class PedestrianState:
-    """What the next segment needs of the ones before: attitude, the last step, the last two seconds."""
 
     attitude: Attitude
     last_step_t: float
+    last_event_t: float
     tail: LevelledSamples
+    carrying: Carrying | None = None
+    odometer: Odometer = field(default_factory=Odometer)
+    pedometer: Pedometer = field(default_factory=Pedometer)
 
 
-def advance(state: PedestrianState | None, samples: ImuSamples) -> tuple[PedestrianState, StepEvents]:
-    """Steps that the new samples confirm.
+def advance(
+    state: PedestrianState | None,
+    samples: ImuSamples,
+    *,
+    speed: SpeedReadings | None = None,
+    steps: StepCounts | None = None,
+) -> tuple[PedestrianState, StepEvents]:
+    """Steps that the new samples confirm, or pieces of way where wheels tell the speed.
 
     A step is confirmed ``SETTLE_S`` after its peak, so the last one of a segment comes with the next segment; how a
-    recording is cut does not change its steps. After a gap over ``MAX_GAP_S`` the heading starts from zero again.
+    recording is cut does not change its steps. That holds for pieces of way too if readings come at least every
+    ``SETTLE_S``. Counted steps, told where the detector misses many, belong to the segment that holds the reading.
+    After a gap over ``MAX_GAP_S`` the heading starts from zero again.
+
+    Parameters
+    ----------
+    state : PedestrianState or None
+        None before the first segment.
+    samples : ImuSamples
+    speed : SpeedReadings or None
+        While they last, they alone tell the way: the events are pieces of it, and steps are left out.
+    steps : StepCounts or None
     """
     if state is not None and gap_before(state, samples) > 0.0:
         state = None
-    levelled, attitude = level_samples(samples, state.attitude if state else None)
+    odometer = (state.odometer if state else Odometer()).hear(speed)
+    moving = odometer.speed(samples.t)[0] != 0.0
+    levelled, attitude = level_samples(samples, state.attitude if state else None, moving=moving)
     if state is not None:
-        levelled = _join(state.tail, levelled)
-    last = state.last_step_t if state else -np.inf
-    steps = find_steps(levelled.t, levelled.vertical, after=last)
-    begin = np.maximum(np.concatenate(([last], steps.t[:-1])), steps.t - _PAUSE_S)[: len(steps)]
-    events = StepEvents(
-        t=steps.t,
-        swing=steps.swing,
-        motion_heading=window_means(levelled.t, levelled.heading[:, None], begin, steps.t)[:, 0],
-        heading=np.interp(steps.t, levelled.t, levelled.heading),
-        mag=window_means(levelled.t, levelled.mag, steps.t - FIELD_WINDOW_S, steps.t + FIELD_WINDOW_S),
+        levelled = state.tail.then(levelled)
+    until = settled_until(levelled.t)
+    found = find_steps(levelled.t, levelled.vertical, after=state.last_step_t if state else -np.inf)
+    walked, pedometer = _walked(found, (state.pedometer if state else Pedometer()).hear(steps), odometer, until)
+    odometer, driven = odometer.drive(levelled, until)
+    last = state.last_event_t if state else -np.inf
+    events, carrying = _read(levelled, walked.merged(driven), last, state.carrying if state else None)
+    after = PedestrianState(
+        attitude=attitude,
+        last_step_t=float(found.t[-1]) if len(found) else state.last_step_t if state else -np.inf,
+        last_event_t=float(events.t[-1]) if len(events) else last,
+        tail=levelled.since(levelled.t[-1] - _KEEP_S),
+        carrying=carrying,
+        odometer=odometer,
+        pedometer=pedometer,
     )
-    if len(steps):
-        last = float(steps.t[-1])
-    keep = levelled.t >= levelled.t[-1] - _KEEP_S
-    tail = LevelledSamples(levelled.t[keep], levelled.mag[keep], levelled.heading[keep], levelled.vertical[keep])
-    return PedestrianState(replace(attitude), last, tail), events
+    return after, events
 
 
 def gap_before(state: PedestrianState, samples: ImuSamples) -> float:
@@ -88,10 +103,41 @@ def gap_before(state: PedestrianState, samples: ImuSamples) -> float:
     return gap if gap > MAX_GAP_S else 0.0
 
 
-def _join(a: LevelledSamples, b: LevelledSamples) -> LevelledSamples:
-    return LevelledSamples(
-        np.concatenate([a.t, b.t]),
-        np.concatenate([a.mag, b.mag]),
-        np.concatenate([a.heading, b.heading]),
-        np.concatenate([a.vertical, b.vertical]),
+def _walked(found: Steps, pedometer: Pedometer, odometer: Odometer, until: float) -> tuple[Moments, Pedometer]:
+    """Steps detected, or counted where the detector missed many; none where wheels tell the way."""
+    on_foot = ~odometer.speed(found.t)[1]
+    if odometer.speed(np.array([until]))[1].any():
+        counted, pedometer = np.empty(0), Pedometer(until=until)
+    else:
+        pedometer, kept, counted = pedometer.compare(found.t[on_foot], until)
+        on_foot[on_foot] = kept
+    detected = _steps(found.t[on_foot], found.swing[on_foot])
+    return detected.merged(_steps(counted, np.full(counted.shape, MEAN_SWING))), pedometer
+
+
+def _steps(t: Float64Array, swing: Float64Array) -> Moments:
+    return Moments(t, swing, weinberg(swing), np.zeros(t.shape, dtype=bool), np.full(t.shape, np.nan))
+
+
+def _read(
+    levelled: LevelledSamples, moments: Moments, last: float, carrying: Carrying | None
+) -> tuple[StepEvents, Carrying | None]:
+    """Heading, field and flags of steps and pieces of way; ``last`` (s) is the time of the event before."""
+    t = moments.t
+    begin = np.maximum(np.concatenate(([last], t[:-1])), t - _PAUSE_S)[: len(t)]
+    device = window_means(levelled.t, levelled.heading[:, None], begin, t)[:, 0]
+    mag = window_means(levelled.t, levelled.mag, t - FIELD_WINDOW_S, t + FIELD_WINDOW_S)
+    carrying, walking, changed = follow(carrying, window_means(levelled.t, levelled.up, begin, t), device)
+    aside = np.angle(np.exp(1j * (moments.course - device)))
+    events = StepEvents(
+        t=t,
+        swing=moments.swing,
+        motion_heading=walking + np.where(np.isnan(aside), 0.0, aside),
+        heading=np.interp(t, levelled.t, levelled.heading),
+        mag=mag,
+        stride=moments.stride,
+        measured=moments.measured,
+        disturbed=disturbed(levelled, mag, begin, t + FIELD_WINDOW_S, moments.stride / np.maximum(t - begin, 0.02)),
+        carrying=changed,
     )
+    return events, carrying

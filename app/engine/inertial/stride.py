@@ -10,6 +10,8 @@ WEINBERG = 0.425
 """m / (m/s^2)^(1/4), the median of 559 survey walks; single walks differ by 13 % (one standard deviation), which the
 stride scale of a filter learns."""
 SPREAD = 0.13
+MEAN_SWING = 6.4
+"""m/s^2, the median step of the same walks: a stride of 0.68 m."""
 _RANGE_M = (0.3, 1.1)
 
 

@@ -11,10 +11,13 @@ import numpy as np
 
 from app.engine.errors import StateError
 from app.engine.inertial import Attitude, LevelledSamples
+from app.engine.inertial.carrying import Carrying
+from app.engine.inertial.counter import Pedometer
 from app.engine.inertial.pedestrian import PedestrianState
-from app.engine.types import DeviceCalibration, Prior
+from app.engine.inertial.wheels import Odometer
+from app.engine.types import DeviceCalibration, Prior, SpeedReadings, StepCounts
 
-VERSION = 1
+VERSION = 2
 
 
 def pack(values: dict[str, Any]) -> bytes:
@@ -42,18 +45,35 @@ def unpack(payload: bytes) -> dict[str, Any]:
 
 def pedestrian_values(state: PedestrianState) -> dict[str, Any]:
     """A pedestrian front end's state as plain values."""
-    a, tail = state.attitude, state.tail
+    a, tail, wheels, counter = state.attitude, state.tail, state.odometer, state.pedometer
     return {
-        "attitude": [a.t, *a.q, a.heading], "last_step_t": state.last_step_t,
-        "t": tail.t, "mag": tail.mag, "heading": tail.heading, "vertical": tail.vertical,
+        "attitude": [a.t, *a.q, a.heading, *a.rest],
+        "last_t": [state.last_step_t, state.last_event_t],
+        "t": tail.t, "mag": tail.mag, "heading": tail.heading, "vertical": tail.vertical, "up": tail.up,
+        "carrying": None if state.carrying is None else asdict(state.carrying),
+        "odometer": [wheels.t, wheels.piece_t, wheels.way, wheels.x, wheels.y, *wheels.piece],
+        "speed": [wheels.readings.t, wheels.readings.speed],
+        "pedometer": [counter.until, counter.t, counter.count, counter.told, counter.credit, counter.wary],
+        "counts": [counter.readings.t, counter.readings.count],
     }  # fmt: skip
 
 
 def pedestrian_state(values: dict[str, Any]) -> PedestrianState:
     """Inverse of :func:`pedestrian_values`."""
-    t, w, x, y, z, heading = values["attitude"]
-    tail = LevelledSamples(values["t"], values["mag"], values["heading"], values["vertical"])
-    return PedestrianState(Attitude(t, (w, x, y, z), heading), values["last_step_t"], tail)
+    t, w, x, y, z, heading, *rest = values["attitude"]
+    last_step_t, last_event_t = values["last_t"]
+    carrying = values["carrying"]
+    driven_t, piece_t, way, east, north, *piece = values["odometer"]
+    until, counted_t, count, told, credit, wary = values["pedometer"]
+    return PedestrianState(
+        Attitude(t, (w, x, y, z), heading, tuple(rest)),
+        last_step_t,
+        last_event_t,
+        LevelledSamples(values["t"], values["mag"], values["heading"], values["vertical"], values["up"]),
+        None if carrying is None else Carrying(**{**carrying, "up": tuple(carrying["up"])}),
+        Odometer(driven_t, piece_t, way, east, north, tuple(piece), SpeedReadings(*values["speed"])),
+        Pedometer(until, counted_t, count, told, credit, wary, StepCounts(*values["counts"])),
+    )
 
 
 def prior_values(prior: Prior) -> dict[str, Any]:

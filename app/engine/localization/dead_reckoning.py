@@ -78,7 +78,7 @@ class DeadReckoningTracker:
         prior, before = codec.prior_from(values["prior"]), values["track"]
         known = None if before is None else codec.pedestrian_state(before.pop("pedestrian"))
         gap = 0.0 if known is None else gap_before(known, segment.samples)
-        pedestrian, events = advance(known, segment.samples)
+        pedestrian, events = advance(known, segment.samples, speed=segment.speed, steps=segment.steps)
         level_id = map_source.level_ids()[0] if prior.level_id is None else prior.level_id
         track = _begin(prior, pedestrian, events, map_source.grid_map(level_id))
         if before is not None:
@@ -97,7 +97,8 @@ class DeadReckoningTracker:
         return None
 
     def _walk(self, track: _Track, prior: Prior, level_id: str, events: StepEvents, i: int) -> Fix:
-        stride = float(weinberg(events.swing[i : i + 1], self.parameters.stride_constant)[0])
+        modelled = weinberg(events.swing[i : i + 1], self.parameters.stride_constant)[0]
+        stride = float(events.stride[i] if events.measured[i] else modelled)
         track.heading = float(events.motion_heading[i]) + track.offset
         track.x += stride * float(np.cos(track.heading))
         track.y += stride * float(np.sin(track.heading))

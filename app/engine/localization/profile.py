@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 
 from app.engine.inertial import StepEvents
-
-_FIELDS = ("t", "swing", "motion_heading", "heading", "mag")
+from app.engine.inertial.events import FIELDS as _FIELDS
 
 
 def join(earlier: StepEvents, later: StepEvents) -> StepEvents:
