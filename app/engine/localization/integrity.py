@@ -26,6 +26,10 @@ class IntegrityPolicy:
     ----------
     covariance_scale, covariance_floor : float, -, m^2
         Applied to the particles' covariance so that the 95 % ellipse holds what it claims.
+    searched_scale : float
+        Further factor while the place is searched: its likelihood is sharper than readings are.
+    handover_m : float, m
+        Standard deviation added to particles when tracking takes over from the search, for the same reason.
     smoothed_scale : float
         Further factor for smoothed fixes: the lines of particles merge going back.
     settle_m : float
@@ -51,6 +55,8 @@ class IntegrityPolicy:
 
     covariance_scale: float = 1.0
     covariance_floor: float = 0.3
+    searched_scale: float = 4.0
+    handover_m: float = 1.5
     smoothed_scale: float = 1.5
     settle_m: float = 5.0
     insufficient_m: float = 8.0
@@ -96,9 +102,9 @@ class Integrity:
         )
 
 
-def calibrate(estimate: Estimate | Mode, policy: IntegrityPolicy) -> tuple[float, float, float]:
-    """Covariance (xx, xy, yy) that a fix claims, m^2."""
-    scale, floor = policy.covariance_scale, policy.covariance_floor
+def calibrate(estimate: Estimate | Mode, policy: IntegrityPolicy, factor: float = 1.0) -> tuple[float, float, float]:
+    """Covariance (xx, xy, yy) that a fix claims, m^2; ``factor`` beside the policy's own."""
+    scale, floor = factor * policy.covariance_scale, factor * policy.covariance_floor
     return scale * estimate.cov_xx + floor, scale * estimate.cov_xy, scale * estimate.cov_yy + floor
 
 
@@ -160,11 +166,11 @@ def search_fix(
         verdict = Verdict(
             Status.OK, first.weight / (1.0 + (sigma / 3.0) ** 2), sure=sigma <= policy.sure_m, walk_on_m=None
         )
-        cov_xx, cov_xy, cov_yy = calibrate(first, policy)
+        cov_xx, cov_xy, cov_yy = calibrate(first, policy, policy.searched_scale)
     else:
         dx, dy = e.x - first.x, e.y - first.y
         about = replace(e, cov_xx=e.cov_xx + dx * dx, cov_xy=e.cov_xy + dx * dy, cov_yy=e.cov_yy + dy * dy)
-        cov_xx, cov_xy, cov_yy = calibrate(about, policy)
+        cov_xx, cov_xy, cov_yy = calibrate(about, policy, policy.searched_scale)
         short_list = walked_m >= 0.5 * policy.found_m and sum(place.mode.weight for place in places) >= policy.listed
         status = Status.AMBIGUOUS if short_list else Status.INSUFFICIENT
         missing = max(belief.walk_on_m, policy.found_m - walked_m, WALK_ON_M)

@@ -276,6 +276,7 @@ class ParticleTracker:
         yield search_fix(t, beliefs, walked, self.policy, hypotheses=True)
         if confirmed(beliefs, walked, self.policy):
             cloud = found.cloud.thin(self.parameters.particles, float(rng.random()))
+            cloud.p[:2] += self.policy.handover_m * rng.standard_normal((2, cloud.n)).astype(np.float32)
             integrity, grid = Integrity(walked_m=walked, settled=True), grids[found.level_id]
             session.track = Track(
                 found.level_id, grid.features, float(quest.events.heading[-1]), cloud, beliefs[-1].estimate, integrity
