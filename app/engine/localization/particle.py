@@ -175,9 +175,8 @@ class ParticleTracker:
                 weigh_by(track, evaluator, waiting.popleft())
             moved = self._advance(track, grid, events, i, rng)
             yield self._fix(track, float(events.t[i])), moved
-        if waiting:
-            for sighting in waiting:
-                weigh_by(track, evaluator, sighting)
+        counted = [weigh_by(track, evaluator, sighting) for sighting in waiting]
+        if any(counted):
             track.estimate = estimate_of(track.cloud, grid)
         session.aids = replace(session.aids, radio=replace(evaluator.memory, last_t=session.aids.radio.last_t))
         yield self._fix(track, t), None

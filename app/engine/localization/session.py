@@ -142,11 +142,11 @@ def learned_calibration(cloud: Cloud) -> DeviceCalibration:
     )
 
 
-def weigh_by(track: Track, evaluator: Evaluator, sighting: Sighting) -> None:
-    """Let a sighting count for the particles of a track; weights stay normalized."""
+def weigh_by(track: Track, evaluator: Evaluator, sighting: Sighting) -> bool:
+    """Let a sighting count for the particles of a track; False if it tells nothing. Weights stay normalized."""
     evidence = evaluator.evidence(sighting)
     if evidence is None:
-        return
+        return False
     before = track.cloud.p[14].copy()
     weigh_cloud(track.cloud, evidence, track.level_id, log_unit=top(evidence, (track.level_id,)))
     total = float(track.cloud.p[14].sum(dtype=np.float64))
@@ -154,6 +154,7 @@ def weigh_by(track: Track, evaluator: Evaluator, sighting: Sighting) -> None:
         track.cloud.p[14] /= np.float32(total)
     else:  # it rules all particles out: evidence or track is wrong, and it is not for one reading to say which
         track.cloud.p[14] = before
+    return True
 
 
 def estimate_of(cloud: Cloud, grid: FilterGrid) -> Estimate:
@@ -167,6 +168,6 @@ def estimate_of(cloud: Cloud, grid: FilterGrid) -> Estimate:
         cov_xx=float(w @ (x - mx) ** 2),
         cov_xy=float(w @ ((x - mx) * (y - my))),
         cov_yy=float(w @ (y - my) ** 2),
-        heading=float(np.angle(np.sum(w * (cloud.p[2] + 1j * cloud.p[3])))),
+        heading=float(np.angle(np.sum(w * (cloud.p[2] + 1j * cloud.p[3]) * np.exp(-1j * cloud.p[5])))),
         mapped=float(w @ grid.lookup(x, y)[:, 5]),
     )
