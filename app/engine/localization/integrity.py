@@ -53,7 +53,7 @@ class IntegrityPolicy:
         Metres that must have been walked by then.
     """
 
-    covariance_scale: float = 1.0
+    covariance_scale: float = 1.1
     covariance_floor: float = 0.3
     searched_scale: float = 4.0
     handover_m: float = 1.5
