@@ -66,5 +66,7 @@ def test_cutting_changes_no_flag() -> None:
 
 
 def test_a_fast_vehicle_passes_the_same_steel_in_less_time() -> None:
-    car, speed = drive_through(np.array([[0.0, 0.0], [300.0, 0.0]]), FIELD, np.random.default_rng(5), speed_m_s=12.0)
+    steel, path = Field.random(np.random.default_rng(1), sd=15.0), np.array([[0.0, 0.0], [300.0, 0.0]])
+    assert not advance(None, walk_through(path, steel, np.random.default_rng(5)).samples)[1].disturbed.any()
+    car, speed = drive_through(path, steel, np.random.default_rng(5), speed_m_s=12.0)
     assert not advance(None, car.samples, speed=speed)[1].disturbed.any()

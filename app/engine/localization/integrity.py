@@ -40,6 +40,8 @@ class IntegrityPolicy:
         Major semi-axis (one sigma) up to which a fix is sure.
     off_map_share : float
         Below this share of particles on mapped ground (smoothed over ``memory_m``) the position rests on motion alone.
+    disturbed_share : float
+        From this share of disturbed steps on (smoothed over ``memory_m``) the field tells nothing of the place.
     memory_m : float
     search_m : float
         A start known only to this radius, also after a gap, has to be searched.
@@ -62,6 +64,7 @@ class IntegrityPolicy:
     insufficient_m: float = 8.0
     sure_m: float = 2.2
     off_map_share: float = 0.35
+    disturbed_share: float = 0.5
     memory_m: float = 4.0
     search_m: float = 8.0
     listed: float = 0.8
@@ -81,17 +84,22 @@ class Integrity:
         Share of particles on mapped ground, smoothed.
     settled : bool
         Whether the spread has been that of one place.
+    disturbed : float
+        Share of steps whose field was disturbed, smoothed.
     """
 
     walked_m: float = 0.0
     mapped: float = 1.0
     settled: bool = False
+    disturbed: float = 0.0
 
     def resumed(self) -> Integrity:
         """After a gap."""
         return replace(self, walked_m=0.0, settled=False)
 
-    def walked(self, stride: float, estimate: Estimate, policy: IntegrityPolicy) -> Integrity:
+    def walked(
+        self, stride: float, estimate: Estimate, policy: IntegrityPolicy, *, disturbed: bool = False
+    ) -> Integrity:
         """After one more step."""
         keep = float(np.exp(-stride / policy.memory_m))
         return replace(
@@ -99,6 +107,7 @@ class Integrity:
             walked_m=self.walked_m + stride,
             mapped=keep * self.mapped + (1.0 - keep) * estimate.mapped,
             settled=self.settled or spread(estimate) < policy.settle_m,
+            disturbed=keep * self.disturbed + (1.0 - keep) * disturbed,
         )
 
 
@@ -131,6 +140,8 @@ def judge(estimate: Estimate, integrity: Integrity, policy: IntegrityPolicy) -> 
     quality = float(1.0 / (1.0 + (sigma / 3.0) ** 2))
     if sigma > policy.insufficient_m or not integrity.settled:
         return Verdict(Status.INSUFFICIENT, quality, sure=False, walk_on_m=max(sigma, WALK_ON_M))
+    if integrity.disturbed > policy.disturbed_share:
+        return Verdict(Status.DISTURBED, quality * 0.5, sure=False, walk_on_m=None)
     if integrity.mapped < policy.off_map_share:
         return Verdict(Status.OFF_MAP, quality * 0.5, sure=False, walk_on_m=None)
     return Verdict(Status.OK, quality, sigma <= policy.sure_m, walk_on_m=None)

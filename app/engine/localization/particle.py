@@ -13,12 +13,10 @@ from app.engine.filtering import (
     Advance,
     FilterGrid,
     ParticleNoise,
-    advance_cloud,
     find_modes,
     prepare_grid,
 )
 from app.engine.inertial import PedestrianState, StepEvents, advance, gap_before, settled_until
-from app.engine.inertial.stride import weinberg
 from app.engine.localization.aids import (
     Evaluator,
     Sighting,
@@ -41,9 +39,10 @@ from app.engine.localization.integrity import (
     search_fix,
     spread,
 )
+from app.engine.localization.motion import take_step
 from app.engine.localization.profile import join, newest
 from app.engine.localization.radio import RadioMemory
-from app.engine.localization.search import Belief, Place, SearchPolicy, channels, search
+from app.engine.localization.search import Belief, Place, SearchPolicy, search
 from app.engine.localization.session import Quest, SessionState, Track, estimate_of, weigh_by
 from app.engine.types import (
     DeviceCalibration,
@@ -137,7 +136,7 @@ class ParticleTracker:
         """
         before, t = session.pedestrian, settled_until(segment.samples.t)
         gap = 0.0 if before is None else gap_before(before, segment.samples)
-        session.pedestrian, events = advance(before, segment.samples)
+        session.pedestrian, events = advance(before, segment.samples, speed=segment.speed, steps=segment.steps)
         first = first_reading(session.pedestrian, events)
         rng = np.random.default_rng([session.seed, session.count])
         if session.track is None and session.quest is None:
@@ -145,7 +144,7 @@ class ParticleTracker:
         elif gap > 0.0:
             self._resume(session, gap, map_source, first, rng)
         session.count += 1
-        way = session.travelled_m + np.concatenate([[0.0], np.cumsum(weinberg(events.swing))])
+        way = session.travelled_m + np.concatenate([[0.0], np.cumsum(events.stride)])
         radio, (memory, seen) = session.aids.radio, sightings(segment, session.aids, session.travelled_m)
         session.aids, session.travelled_m = memory, float(way[-1])
         seen = at_way(seen, events.t, way)
@@ -268,7 +267,7 @@ class ParticleTracker:
             policy=self.search,
             rng=rng,
         )
-        walked = float(weinberg(quest.events.swing).sum())
+        walked = float(quest.events.stride.sum())
         beliefs = found.beliefs
         for i in range(len(events)):
             yield search_fix(float(events.t[i]), beliefs[: len(beliefs) - len(events) + i + 1], walked, self.policy)
@@ -298,20 +297,12 @@ class ParticleTracker:
         return search_fix(t, (belief,), 0.0, self.policy)
 
     def _advance(self, track: Track, grid: FilterGrid, events: StepEvents, i: int, rng: np.random.Generator) -> Advance:
-        stride = float(weinberg(events.swing[i : i + 1])[0])
-        moved = advance_cloud(
-            track.cloud,
-            grid,
-            self.noise,
-            turn_mid=float(events.motion_heading[i]) - track.heading,
-            turn=float(events.heading[i]) - track.heading,
-            stride=stride,
-            z=channels(events.mag[i], grid.features),
-            rng=rng,
-        )
+        moved = take_step(track.cloud, grid, self.noise, self.spread, events, i, track.heading, rng)
         track.cloud, track.estimate = moved.cloud, moved.estimate
         track.heading = float(events.heading[i])
-        track.integrity = track.integrity.walked(stride, moved.estimate, self.policy)
+        track.integrity = track.integrity.walked(
+            float(events.stride[i]), moved.estimate, self.policy, disturbed=bool(events.disturbed[i])
+        )
         return moved
 
     def _fix(self, track: Track, t: float) -> Fix:

@@ -16,12 +16,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from app.engine.filtering import Cloud, Estimate, FilterGrid, Mode, ParticleNoise, advance_cloud, find_modes
+from app.engine.filtering import Cloud, Estimate, FilterGrid, Mode, ParticleNoise, find_modes
 from app.engine.inertial import StepEvents
-from app.engine.inertial.stride import weinberg
 from app.engine.localization.aids import Evidence, top, weigh_cloud
 from app.engine.localization.initial import InitialSpread, initial_cloud
-from app.engine.types import FeatureSet, Float64Array, Prior
+from app.engine.localization.motion import take_step
+from app.engine.types import Float64Array, Prior
 
 STANDS_OUT = 4.0
 """Log odds at which one place stands out."""
@@ -187,7 +187,6 @@ def _run(
 ) -> _LevelRun:
     cloud = initial_cloud(prior, grid, events.mag[0], n, spread, rng)
     start, origin = Cloud(cloud.p.copy()), np.arange(cloud.n)
-    strides = weinberg(events.swing)
     thinning = dict(policy.thinning)
     heading = float(events.heading[0])
     total, log_likelihood, modes, estimates = 0.0, [], [], []
@@ -196,16 +195,7 @@ def _run(
             index = cloud.draw(max(int(thinning[i] * n), 100), float(rng.random()))
             cloud, origin = cloud.take(index), origin[index]
         aids.weigh(cloud, level_id, i)
-        moved = advance_cloud(
-            cloud,
-            grid,
-            policy.noise,
-            turn_mid=float(events.motion_heading[i]) - heading,
-            turn=float(events.heading[i]) - heading,
-            stride=float(strides[i]),
-            z=channels(events.mag[i], grid.features),
-            rng=rng,
-        )
+        moved = take_step(cloud, grid, policy.noise, spread, events, i, heading, rng)
         cloud, heading = moved.cloud, float(events.heading[i])
         origin = origin if moved.ancestors is None else origin[moved.ancestors]
         total += float(np.log(max(moved.estimate.likelihood, 1e-300)))
@@ -242,12 +232,3 @@ def information_per_m(grid: FilterGrid, noise: ParticleNoise) -> float:
         signal = float(nodes[:, channel].var(dtype=np.float64))
         nats += 0.5 * float(np.log1p(signal / ((noise.field * sd) ** 2 + float(nodes[:, variance].mean()))))
     return max(nats / (2.0 * noise.correlation_m), 0.01)
-
-
-def channels(mag: Float64Array, features: FeatureSet) -> Float64Array:
-    """Forward, left, up (3,) as the kernel's channels of a feature set."""
-    if features is FeatureSet.VECTOR:
-        return mag
-    if features is FeatureSet.HV:
-        return np.array([np.hypot(mag[0], mag[1]), 0.0, mag[2]])
-    return np.array([0.0, 0.0, np.linalg.norm(mag)])

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from app.engine.filtering import Advance
 from app.engine.inertial import gap_before
-from app.engine.localization.integrity import calibrate, judge
+from app.engine.localization.integrity import Integrity, calibrate, judge
 from app.engine.localization.particle import ParticleTracker
 from app.engine.localization.session import SessionState, Track
 from app.engine.types import Fix, Float32Array, Float64Array, MapSource, Prior, Segment
@@ -23,6 +23,7 @@ class _Step:
     """One step of the forward pass: positions before resampling, and where the next step's particles came from."""
 
     fix: Fix
+    integrity: Integrity
     x: Float32Array
     y: Float32Array
     ancestors: NDArray[np.int32] | None
@@ -77,7 +78,8 @@ class _Stretch:
             if moved is None:
                 told.append(fix)
                 continue
-            self.steps.append(_record(fix, moved))
+            if session.track is not None:
+                self.steps.append(_record(fix, moved, session.track.integrity))
             self.weights = moved.weighted.p[14].astype(np.float64)
         self.searched += told[:-1]  # the last belongs to no step
         self.track = session.track
@@ -102,11 +104,11 @@ class _Stretch:
         return (*self.searched, *_trace_back(tracker, self.steps, self.weights, self.track))
 
 
-def _record(fix: Fix, moved: Advance) -> _Step:
+def _record(fix: Fix, moved: Advance, integrity: Integrity) -> _Step:
     p = moved.weighted.p
     # As small as they come: half an hour has thousands of steps.
     ancestors = None if moved.ancestors is None else moved.ancestors.astype(np.int32)
-    return _Step(fix, p[0].copy(), p[1].copy(), ancestors)
+    return _Step(fix, integrity, p[0].copy(), p[1].copy(), ancestors)
 
 
 def _trace_back(
@@ -133,7 +135,9 @@ def _trace_back(
             cov_yy=float(weights @ (y - my) ** 2),
         )
         cov_xx, cov_xy, cov_yy = calibrate(estimate, policy)
-        verdict = judge(estimate, track.integrity, tracker.policy)
+        # what lay about the step then; that the place was found later counts for all of them
+        integrity = replace(step.integrity, settled=track.integrity.settled)
+        verdict = judge(estimate, integrity, tracker.policy)
         fixes.append(
             replace(
                 step.fix,
