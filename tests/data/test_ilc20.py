@@ -124,7 +124,7 @@ def test_rows_that_cannot_be_used_are_left_out(tmp_path: Path) -> None:
     assert len(read.waypoints) == 2
 
 
-def test_wifi_is_given_out_when_it_was_reported_not_when_it_was_heard(tmp_path: Path) -> None:
+def test_wifi_is_dated_and_given_out_when_it_was_reported(tmp_path: Path) -> None:
     scans = {"a": [(2000, "n2", -60, 1500), (2000, "old", -50, 9000), (1000, "n1", -70, 100), (4000, "n3", -40, 0)]}
     write_level(tmp_path / "x-F1", [straight_walk("a"), straight_walk("b")], wifi=scans)
     first, second = open_ilc20(tmp_path).level("x-F1").walks()
@@ -133,11 +133,22 @@ def test_wifi_is_given_out_when_it_was_reported_not_when_it_was_heard(tmp_path: 
     assert log is not None
     assert log.scans.address == ("n1", "n2", "n3")
     start = START_MS / 1000
-    np.testing.assert_allclose(log.scans.t - start, [0.9, 0.5, 4.0], atol=1e-3)
+    np.testing.assert_allclose(log.scans.t - start, [1.0, 2.0, 4.0], atol=1e-3)
     heard = log.between(start + 1.0, start + 2.0)
     assert heard is not None
-    assert heard.address == ("n2",)  # heard before n1 was reported, known only at 2 s
+    assert heard.address == ("n2",)
     assert log.between(start + 2.0, start + 3.9) is None
+
+
+def test_an_entry_reported_again_counts_once(tmp_path: Path) -> None:
+    again = [(1000, "n1", -70, 100), (2900, "n1", -70, 2001), (2900, "n2", -60, 2000), (4800, "n1", -71, 300)]
+    write_level(tmp_path / "x-F1", [straight_walk("a"), straight_walk("b")], wifi={"a": again, "b": again[1:2]})
+    first, second = open_ilc20(tmp_path).level("x-F1").walks()
+    assert first.wifi is not None
+    assert first.wifi.address == ("n1", "n2", "n1")
+    np.testing.assert_allclose(first.wifi.t - START_MS / 1000, [1.0, 2.9, 4.8], atol=1e-3)
+    assert second.wifi is not None
+    assert second.wifi.address == ("n1",)  # another walk's entry is no repetition
 
 
 def test_beacons_are_heard_when_they_are_reported(tmp_path: Path) -> None:

@@ -18,8 +18,8 @@ from app.engine.kernels.radio import scan_log_likelihood
 from app.engine.mapping.radio import BLE_PREFIX, merge_readings
 from app.engine.types import Float32Array, Float64Array, IntArray, RadioMap, RadioScans
 
-SCAN_S = 2.0
-"""Readings within this time are one scan: a phone's sweep over the channels."""
+SCAN_S = 1.0
+"""Readings within this time are one scan."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -49,9 +49,9 @@ class RadioSettings:
 
     cell_m: float = 3.0
     margin_m: float = 9.0
-    least_readings: int = 6
+    least_readings: int = 3
     least_walks: int = 2
-    scan_s: float = 2.0
+    scan_s: float = 1.0
     seen_length_m: float = 4.0
     seen_prior: float = 1.0
     strength: StrengthModel = field(default_factory=StrengthModel)

@@ -16,7 +16,7 @@ class RadioLog:
     Attributes
     ----------
     scans : RadioScans
-        ``scans.t`` is when the access point or beacon was last heard.
+        ``scans.t`` is when the readings hold, as well as the source tells.
     reported_t : array, shape (m,), s
         When the scan was delivered, non-decreasing. A causal replay may use a row only from here on.
     """
