@@ -38,7 +38,7 @@ class KindModel:
         What one reading can cost at most (natural logarithm).
     """
 
-    temper: float = 0.6
+    temper: float = 0.7
     sibling: float = 0.7
     offset_sd: float = 5.0
     most: float = 6.0
@@ -62,12 +62,12 @@ class RadioModel:
     """
 
     wifi: KindModel = KindModel()
-    ble: KindModel = KindModel()
-    unseen: float = 0.003
+    ble: KindModel = KindModel(temper=1.2)
+    unseen: float = 0.006
     stranger_dbm: float = -88.0
     stranger_sd: float = 7.0
-    renewal_m: float = 4.0
-    least_renewal: float = 0.1
+    renewal_m: float = 10.0
+    least_renewal: float = 0.05
 
 
 @dataclass(frozen=True, slots=True)
