@@ -218,7 +218,7 @@ def test_the_track_survives_the_way_into_a_pocket(
     turned = turning(walk.samples.t, float(walk.samples.t[0]) + 25.0, angles)
     pocket = held(walk.samples, turned)
     fixes = track(segments(replace(pocket, mag=pocket.mag - turned.inv().apply(iron) + iron)), field_map)
-    assert errors(fixes, walk, 27.0).max() < 3.0
+    assert errors(fixes, walk, 27.0).max() < 4.0
     assert np.median(errors(fixes, walk, 27.0)) < 0.6
 
 
