@@ -13,9 +13,13 @@ from pathlib import Path
 
 import numpy as np
 
-from app.engine.filtering import Cloud, FilterGrid, ParticleNoise, advance_cloud
+from app.engine.filtering import Cloud, FilterGrid, ParticleNoise, advance_cloud, prepare_grid
 from app.engine.inertial import advance
 from app.engine.localization import create_tracker
+from app.engine.localization.initial import InitialSpread
+from app.engine.localization.particle import ParticleParameters
+from app.engine.localization.profile import newest
+from app.engine.localization.search import SearchPolicy, search
 from app.engine.mapping import Covariance, FieldLevel, FieldSamples, krige_grid
 from app.engine.types import FeatureSet, Prior, Segment
 from tests.engine.conftest import CORNERS, OneMap
@@ -82,6 +86,23 @@ def segment() -> dict[str, float]:
     }
 
 
+def level_search(levels: int) -> float:
+    """Milliseconds to search a walk of 60 steps on levels of 100 m x 60 m."""
+    field = Field.random(np.random.default_rng(1))
+    walk = walk_through(np.array([[5.0, 5.0], [40.0, 5.0], [40.0, 30.0]]), field, np.random.default_rng(2))
+    _, events = advance(None, walk.samples)
+    grid = prepare_grid(true_map(field, (0.0, 0.0, 100.0, 60.0)), FeatureSet.VECTOR)
+    grids = {str(k): grid for k in range(levels)}
+
+    def task() -> None:
+        search(
+            newest(events, 60), grids, Prior(None), particles=ParticleParameters().cold_particles, report=15,
+            spread=InitialSpread(), policy=SearchPolicy(), rng=np.random.default_rng(3),
+        )  # fmt: skip
+
+    return 1e3 * median_cpu(task, rounds=5)
+
+
 def main() -> None:
     """Run all, print a table, write JSON."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -95,6 +116,8 @@ def main() -> None:
         },
         "map_20000_samples_400x400_s": map_build(),
         **segment(),
+        "search_one_level_ms": level_search(1),
+        "search_ten_levels_ms": level_search(10),
     }
     for name, value in figures.items():
         print(f"{name:36s} {value:10.2f}")  # noqa: T201 - a command's output
