@@ -105,7 +105,7 @@ def test_radios_of_one_access_point_count_about_once(hall: Hall, radio: RadioMap
 
     once = contrast(log_likelihood(radio, scan))
     model = RadioModel(wifi=KindModel(sibling=0.0))
-    assert contrast(log_likelihood(many, repeated, model)) == pytest.approx(once, rel=1e-3)
+    assert contrast(log_likelihood(many, repeated, model)) == pytest.approx(once, rel=0.05)
     assert contrast(log_likelihood(many, repeated)) < 4.0**0.75 * once
 
 

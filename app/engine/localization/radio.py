@@ -20,6 +20,8 @@ from app.engine.types import Float32Array, Float64Array, IntArray, RadioMap, Rad
 
 SCAN_S = 1.0
 """Readings within this time are one scan."""
+_ANCHORS = 64
+"""Readings that are enough to find the device's offset."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,8 +148,9 @@ def log_likelihood(
     index = _index(radio, model.unseen)
     names: Collection[str] = index.rows.keys() if vocabulary is None else vocabulary
     out = np.zeros(radio.mean.shape[1:], np.float32)
+    order = sorted(range(len(scan.name)), key=scan.name.__getitem__)  # which readings anchor the offset: not the first
     for ble, kind in ((False, model.wifi), (True, model.ble)):
-        part = [i for i, name in enumerate(scan.name) if name.startswith(BLE_PREFIX) == ble and name in names]
+        part = [i for i in order if scan.name[i].startswith(BLE_PREFIX) == ble and scan.name[i] in names]
         if part:
             heard = tuple(scan.name[i] for i in part)
             out += _kind_log_likelihood(radio, index, heard, scan.rssi[part], model, kind, index.log_total[ble])
@@ -173,7 +176,7 @@ def _kind_log_likelihood(
         *(layer.reshape(-1, nodes) for layer in (radio.mean, radio.sd, radio.seen)),
         np.log(np.maximum(np.arange(256) / 255.0, model.unseen)).astype(np.float32),
         np.log(np.maximum(0.1 * np.arange(256), 0.1)).astype(np.float32),
-        kind.offset_sd**2, kind.most, np.empty((3, nodes), np.float32), value,
+        kind.offset_sd**2, kind.most, _ANCHORS, np.empty((3, nodes), np.float32), value,
     )  # fmt: skip
     value = value.reshape(log_total.shape) - float(weight.sum()) * log_total
     strange = (rssi[~known] - model.stranger_dbm) / model.stranger_sd

@@ -35,12 +35,17 @@ def warm_up() -> None:
         tracker.step(tracker.start(Prior("warm", 5.0, 5.0), seed=0), segment, source)
     samples = FieldSamples(np.zeros((1, 2)), np.zeros(1, dtype=np.int64), np.zeros((1, 3)))
     krige(samples, FieldLevel(np.zeros(3), np.ones(3)), Covariance(), np.zeros((1, 2)))
-    log_likelihood(_flat_radio(), RadioScan(0.0, 0.0, ("warm",), np.array([-60.0])))
+    for memory_mapped in (False, True):
+        log_likelihood(_flat_radio(memory_mapped), RadioScan(0.0, 0.0, ("warm",), np.array([-60.0])))
 
 
-def _flat_radio() -> RadioMap:
-    ones = np.ones((1, 2, 2), dtype=np.uint8)
-    return RadioMap(0.0, 0.0, 3.0, ("warm",), np.full((1, 2, 2), -60, np.int8), 50 * ones, 200 * ones)
+def _flat_radio(memory_mapped: bool) -> RadioMap:
+    """A map of one access point; a memory-mapped one is read-only, which is another type to a kernel."""
+    layers = [np.full((1, 2, 2), 50, np.int8), *np.full((2, 1, 2, 2), 100, np.uint8)]
+    for layer in layers:
+        layer.setflags(write=not memory_mapped)
+    mean, sd, seen = layers
+    return RadioMap(0.0, 0.0, 3.0, ("warm",), mean, sd, seen)
 
 
 def _flat_map() -> GridMap:
