@@ -181,6 +181,32 @@ def test_scans_are_moments_and_none_is_used_twice() -> None:
     assert group_scans(None, None) == ()
 
 
+def test_kinds_are_scans_of_their_own_oldest_first() -> None:
+    wifi = RadioScans(np.array([1.0, 4.0]), ("a", "b"), np.full(2, -60.0))
+    ble = RadioScans(np.array([0.5, 2.2, 3.0]), ("a", "c", "a"), np.full(3, -80.0))
+    scans = group_scans(wifi, ble)
+    assert [scan.name for scan in scans] == [("a",), ("ble:a", "ble:c"), ("ble:a",), ("b",)]
+    assert [scan.is_ble for scan in scans] == [False, True, True, False]
+
+
+def test_beacons_count_less_in_the_company_of_wifi(hall: Hall, radio: RadioMap) -> None:
+    names = tuple(sorted([*radio.addresses, *("ble:" + name for name in radio.addresses)]))
+    layers = (np.concatenate([layer, layer]) for layer in (radio.mean, radio.sd, radio.seen))
+    mean, sd, seen = layers
+    aid = RadioAid({"hall": replace(radio, addresses=names, mean=mean, sd=sd, seen=seen)})
+    wifi = scans_of(hall, PLACES[:1], 39)[0]
+    ble = replace(wifi, name=tuple("ble:" + name for name in wifi.name))
+    _, alone = aid.field(RadioMemory(), ble, 0.0)
+    memory, _ = aid.field(RadioMemory(), wifi, 0.0)
+    memory, beside = aid.field(memory, ble, 0.0)
+    assert alone is not None
+    assert beside is not None
+    np.testing.assert_allclose(beside.log["hall"], aid.model.company * alone.log["hall"], rtol=1e-5)
+    _, again = aid.field(memory, wifi, 1e3)
+    assert again is not None
+    np.testing.assert_allclose(again.log["hall"], aid.field(RadioMemory(), wifi, 0.0)[1].log["hall"], rtol=1e-5)  # type: ignore[union-attr]
+
+
 def test_standing_still_teaches_little(hall: Hall, radio: RadioMap) -> None:
     aid = RadioAid({"hall": radio})
     first, second = scans_of(hall, PLACES[:1].repeat(2, axis=0), 38)
@@ -198,4 +224,4 @@ def test_a_scan_of_strangers_is_no_evidence(radio: RadioMap) -> None:
     scan = RadioScan(5.0, 5.0, ("ff:00:00:00:00:00",), np.array([-50.0]))
     memory, field = aid.field(RadioMemory(1.0, 3.0), scan, 7.0)
     assert field is None
-    assert memory == RadioMemory(5.0, 3.0)
+    assert memory == RadioMemory(5.0, 3.0)  # the way of the last useful scan stays

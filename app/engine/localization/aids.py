@@ -136,12 +136,18 @@ def top(evidence: Evidence, level_ids: Sequence[str]) -> float:
 def memory_values(memory: AidMemory) -> dict[str, Any]:
     """As plain values."""
     radio = memory.radio
-    return {"last_t": radio.last_t, "travelled_m": radio.travelled_m, "gnss_t": memory.gnss_t}
+    return {
+        "last_t": radio.last_t,
+        "wifi_travelled_m": radio.wifi_travelled_m,
+        "ble_travelled_m": radio.ble_travelled_m,
+        "gnss_t": memory.gnss_t,
+    }
 
 
 def memory_from(values: Mapping[str, Any]) -> AidMemory:
     """Inverse of :func:`memory_values`."""
-    return AidMemory(RadioMemory(values["last_t"], values["travelled_m"]), values["gnss_t"])
+    radio = RadioMemory(values["last_t"], values["wifi_travelled_m"], values["ble_travelled_m"])
+    return AidMemory(radio, values["gnss_t"])
 
 
 def sighting_values(sighting: Sighting) -> list[Any]:

@@ -9,17 +9,18 @@ digit) count as little more than one; and a scan soon after another counts only 
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from weakref import WeakKeyDictionary
 
 import numpy as np
 
 from app.engine.kernels.radio import scan_log_likelihood
-from app.engine.mapping.radio import BLE_PREFIX, merge_readings
+from app.engine.mapping.radio import BLE_PREFIX, Readings, merge_readings
 from app.engine.types import Float32Array, Float64Array, IntArray, RadioMap, RadioScans
 
-SCAN_S = 1.0
-"""Readings within this time are one scan."""
+WIFI_SCAN_S = 1.0
+BLE_SCAN_S = 2.0
+"""Readings within this time are one scan. Beacons are heard one by one, so a scan of them takes longer."""
 _ANCHORS = 64
 """Readings that are enough to find the device's offset."""
 
@@ -61,6 +62,8 @@ class RadioModel:
         A scan ``d`` metres after another counts ``1 - exp(-d / renewal_m)``.
     least_renewal : float
         What a scan at the same place counts all the same.
+    company : float
+        What a BLE scan counts beside a Wi-Fi scan of the same place: both err with the walker's body and the survey.
     """
 
     wifi: KindModel = KindModel()
@@ -70,13 +73,14 @@ class RadioModel:
     stranger_sd: float = 7.0
     renewal_m: float = 10.0
     least_renewal: float = 0.05
+    company: float = 0.5
 
 
 @dataclass(frozen=True, slots=True)
 class RadioScan:
     """Readings of about one moment: ``name`` of each transmitter, ``rssi`` (k,) dBm, mean and newest time, s.
 
-    BLE names carry the prefix of :func:`~app.engine.mapping.radio.merge_readings`.
+    Of one kind of radio; BLE names carry the prefix of :func:`~app.engine.mapping.radio.merge_readings`.
     """
 
     t: float
@@ -84,21 +88,28 @@ class RadioScan:
     name: tuple[str, ...]
     rssi: Float64Array
 
+    @property
+    def is_ble(self) -> bool:
+        """Whether it is of beacons."""
+        return bool(self.name) and self.name[0].startswith(BLE_PREFIX)
 
-def group_scans(
-    wifi: RadioScans | None, ble: RadioScans | None, *, after: float = -np.inf, scan_s: float = SCAN_S
-) -> tuple[RadioScan, ...]:
-    """A segment's readings as scans in time order; readings not later than ``after`` are left out (seen before)."""
-    readings = merge_readings(wifi, ble)
+
+def group_scans(wifi: RadioScans | None, ble: RadioScans | None, *, after: float = -np.inf) -> tuple[RadioScan, ...]:
+    """A segment's readings as scans, oldest first; readings not later than ``after`` are left out (seen before)."""
+    scans = _scans(merge_readings(wifi, None), after, WIFI_SCAN_S)
+    scans += _scans(merge_readings(None, ble), after, BLE_SCAN_S)
+    return tuple(sorted(scans, key=lambda scan: scan.newest_t))
+
+
+def _scans(readings: Readings, after: float, scan_s: float) -> list[RadioScan]:
     first = int(np.searchsorted(readings.t, after, side="right"))
     scans = []
     while first < len(readings):
         last = int(np.searchsorted(readings.t, readings.t[first] + scan_s, side="left"))
-        rows = slice(first, last)
-        t = readings.t[rows]
-        scans.append(RadioScan(float(t.mean()), float(t[-1]), readings.name[rows], readings.rssi[rows]))
+        t = readings.t[first:last]
+        scans.append(RadioScan(float(t.mean()), float(t[-1]), readings.name[first:last], readings.rssi[first:last]))
         first = last
-    return tuple(scans)
+    return scans
 
 
 @dataclass(frozen=True, slots=True)
@@ -147,14 +158,12 @@ def log_likelihood(
     model = model or RadioModel()
     index = _index(radio, model.unseen)
     names: Collection[str] = index.rows.keys() if vocabulary is None else vocabulary
-    out = np.zeros(radio.mean.shape[1:], np.float32)
-    order = sorted(range(len(scan.name)), key=scan.name.__getitem__)  # which readings anchor the offset: not the first
-    for ble, kind in ((False, model.wifi), (True, model.ble)):
-        part = [i for i in order if scan.name[i].startswith(BLE_PREFIX) == ble and scan.name[i] in names]
-        if part:
-            heard = tuple(scan.name[i] for i in part)
-            out += _kind_log_likelihood(radio, index, heard, scan.rssi[part], model, kind, index.log_total[ble])
-    return out
+    part = sorted((i for i, name in enumerate(scan.name) if name in names), key=scan.name.__getitem__)
+    if not part:
+        return np.zeros(radio.mean.shape[1:], np.float32)
+    heard = tuple(scan.name[i] for i in part)  # by name: which of them anchor the offset shall not be the strongest
+    kind = model.ble if scan.is_ble else model.wifi
+    return _kind_log_likelihood(radio, index, heard, scan.rssi[part], model, kind, index.log_total[scan.is_ble])
 
 
 def _kind_log_likelihood(
@@ -292,10 +301,11 @@ def _mean_log(values: Float64Array) -> float:
 
 @dataclass(frozen=True, slots=True)
 class RadioMemory:
-    """What a session keeps: time of the newest reading used (s), and the way walked by then (m)."""
+    """What a session keeps: time of the newest reading used (s), the way walked by the last Wi-Fi and BLE scan (m)."""
 
     last_t: float = -np.inf
-    travelled_m: float = -np.inf
+    wifi_travelled_m: float = -np.inf
+    ble_travelled_m: float = -np.inf
 
 
 class RadioAid:
@@ -318,12 +328,25 @@ class RadioAid:
 
         None if it reports nothing that a map knows.
         """
+        newest = replace(memory, last_t=max(memory.last_t, scan.newest_t))
         if not self._vocabulary.intersection(scan.name):
-            return RadioMemory(scan.newest_t, memory.travelled_m), None
-        renewal = 1.0 - np.exp(-max(travelled_m - memory.travelled_m, 0.0) / self.model.renewal_m)
-        share = np.float32(max(renewal, self.model.least_renewal))
+            return newest, None
+        share = np.float32(self._share(memory, scan, travelled_m))
         log = {
             level_id: share * log_likelihood(radio, scan, self.model, vocabulary=self._vocabulary)
             for level_id, radio in self.maps.items()
         }
-        return RadioMemory(scan.newest_t, travelled_m), RadioField(scan.t, log, self.maps)
+        if scan.is_ble:
+            return replace(newest, ble_travelled_m=travelled_m), RadioField(scan.t, log, self.maps)
+        return replace(newest, wifi_travelled_m=travelled_m), RadioField(scan.t, log, self.maps)
+
+    def _share(self, memory: RadioMemory, scan: RadioScan, travelled_m: float) -> float:
+        """What of a scan is new: as far as the walker has moved since the last one of its kind, and of Wi-Fi."""
+        if not scan.is_ble:
+            return max(self._renewed(travelled_m - memory.wifi_travelled_m), self.model.least_renewal)
+        alone = self._renewed(travelled_m - memory.wifi_travelled_m)
+        own = max(self._renewed(travelled_m - memory.ble_travelled_m), self.model.least_renewal)
+        return own * (self.model.company + (1.0 - self.model.company) * alone)
+
+    def _renewed(self, walked_m: float) -> float:
+        return 1.0 - float(np.exp(-max(walked_m, 0.0) / self.model.renewal_m))
