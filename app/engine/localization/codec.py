@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
@@ -14,8 +14,9 @@ from app.engine.inertial import Attitude, LevelledSamples
 from app.engine.inertial.carrying import Carrying
 from app.engine.inertial.counter import Pedometer
 from app.engine.inertial.pedestrian import PedestrianState
+from app.engine.inertial.pressure import Barometer
 from app.engine.inertial.wheels import Odometer
-from app.engine.types import DeviceCalibration, Prior, SpeedReadings, StepCounts
+from app.engine.types import DeviceCalibration, PressureReadings, Prior, SpeedReadings, StepCounts
 
 VERSION = 2
 
@@ -74,6 +75,18 @@ def pedestrian_state(values: dict[str, Any]) -> PedestrianState:
         Odometer(driven_t, piece_t, way, east, north, tuple(piece), SpeedReadings(*values["speed"])),
         Pedometer(until, counted_t, count, told, credit, wary, StepCounts(*values["counts"])),
     )
+
+
+def barometer_values(barometer: Barometer) -> list[Any]:
+    """A barometer's state as plain values."""
+    pending = barometer.pending
+    return [pending.t, pending.hpa, barometer.blocks, barometer.left_m, barometer.climb_m]
+
+
+def barometer_from(values: Sequence[Any]) -> Barometer:
+    """Inverse of :func:`barometer_values`."""
+    t, hpa, blocks, left_m, climb_m = values
+    return Barometer(PressureReadings(t, hpa), tuple((at, height) for at, height in blocks), left_m, climb_m)
 
 
 def prior_values(prior: Prior) -> dict[str, Any]:
