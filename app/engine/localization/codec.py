@@ -13,6 +13,7 @@ from app.engine.errors import StateError
 from app.engine.inertial import Attitude, LevelledSamples
 from app.engine.inertial.carrying import Carrying
 from app.engine.inertial.counter import Pedometer
+from app.engine.inertial.disturbance import Calm
 from app.engine.inertial.pedestrian import PedestrianState
 from app.engine.inertial.pressure import Barometer
 from app.engine.inertial.wheels import Odometer
@@ -52,6 +53,7 @@ def pedestrian_values(state: PedestrianState) -> dict[str, Any]:
         "last_t": [state.last_step_t, state.last_event_t],
         "t": tail.t, "mag": tail.mag, "heading": tail.heading, "vertical": tail.vertical, "up": tail.up,
         "carrying": None if state.carrying is None else asdict(state.carrying),
+        "calm": None if state.calm is None else asdict(state.calm),
         "odometer": [wheels.t, wheels.piece_t, wheels.way, wheels.x, wheels.y, *wheels.piece],
         "speed": [wheels.readings.t, wheels.readings.speed],
         "pedometer": [counter.until, counter.t, counter.count, counter.told, counter.credit, counter.wary],
@@ -63,7 +65,7 @@ def pedestrian_state(values: dict[str, Any]) -> PedestrianState:
     """Inverse of :func:`pedestrian_values`."""
     t, w, x, y, z, heading, *rest = values["attitude"]
     last_step_t, last_event_t = values["last_t"]
-    carrying = values["carrying"]
+    carrying, calm = values["carrying"], values["calm"]
     driven_t, piece_t, way, east, north, *piece = values["odometer"]
     until, counted_t, count, told, credit, wary = values["pedometer"]
     return PedestrianState(
@@ -72,6 +74,7 @@ def pedestrian_state(values: dict[str, Any]) -> PedestrianState:
         last_event_t,
         LevelledSamples(values["t"], values["mag"], values["heading"], values["vertical"], values["up"]),
         None if carrying is None else Carrying(**{**carrying, "up": tuple(carrying["up"])}),
+        None if calm is None else Calm(**calm),
         Odometer(driven_t, piece_t, way, east, north, tuple(piece), SpeedReadings(*values["speed"])),
         Pedometer(until, counted_t, count, told, credit, wary, StepCounts(*values["counts"])),
     )
