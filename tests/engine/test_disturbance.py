@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 
 from app.engine.inertial import StepEvents, advance
+from app.engine.inertial.disturbance import shifts
+from app.engine.localization import codec
 from app.engine.types import Float64Array, ImuSamples
 from tests.support.motion import dipole, drive_through
 from tests.support.walks import Field, cut, walk_through
@@ -52,17 +54,49 @@ def test_a_magnitude_beyond_any_building(factor: float) -> None:
 
 
 def test_cutting_changes_no_flag() -> None:
-    more = np.zeros((len(WALK.samples), 3))
-    more[WALK.samples.t > AT, 2] = -30.0
-    samples = replace(WALK.samples, mag=WALK.samples.mag + more)
-    whole = advance(None, samples)[1].disturbed
-    assert 1 <= whole.sum() <= 3
+    samples = on_a_mount(-30.0)
+    whole = advance(None, samples)[1]
+    assert 1 <= whole.disturbed.sum() <= 3
     for seconds in (0.7, 1.3, 5.0):
-        state, flags = None, []
+        state, flags, shift = None, [], []
         for piece in cut(samples, seconds=seconds):
             state, events = advance(state, piece)
+            state = codec.pedestrian_state(codec.unpack(codec.pack(codec.pedestrian_values(state))))
             flags.append(events.disturbed)
-        np.testing.assert_array_equal(np.concatenate(flags), whole)
+            shift.append(events.shift)
+        np.testing.assert_array_equal(np.concatenate(flags), whole.disturbed)
+        np.testing.assert_allclose(np.concatenate(shift), whole.shift, atol=1e-6)
+
+
+def on_a_mount(up_ut: float) -> ImuSamples:
+    """From ``AT`` on with a magnet under the phone."""
+    more = np.zeros((len(WALK.samples), 3))
+    more[WALK.samples.t > AT, 2] = up_ut
+    return replace(WALK.samples, mag=WALK.samples.mag + more)
+
+
+def test_a_magnet_that_stays_is_told_once_with_its_strength() -> None:
+    events = advance(None, on_a_mount(-30.0))[1]
+    last = int(np.flatnonzero(events.disturbed)[-1])
+    assert np.flatnonzero(events.shift).tolist() == [last + 1]
+    assert events.shift[last + 1] == pytest.approx(30.0, abs=8.0)
+
+
+def test_one_that_passes_leaves_little_behind() -> None:
+    heading = np.array([0.0, 0.0, 1.0, 2.0])
+    level = np.exp(-1j * heading)  # 20 uT towards the walk's first direction, the walker turns
+    mag = np.stack([20.0 * level.real, 20.0 * level.imag, np.full(4, -30.0)], axis=1)
+    mag[1:3] += 200.0
+    calm, left = shifts(None, mag, heading, np.array([False, True, True, False]))
+    np.testing.assert_allclose(left, 0.0, atol=1e-9)
+    assert calm is not None
+    assert not calm.passing
+
+
+def test_a_disturbed_start_has_nothing_to_compare_with() -> None:
+    calm, left = shifts(None, np.ones((2, 3)), np.zeros(2), np.array([True, False]))
+    np.testing.assert_array_equal(left, 0.0)
+    assert calm is not None
 
 
 def test_a_fast_vehicle_passes_the_same_steel_in_less_time() -> None:

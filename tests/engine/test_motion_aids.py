@@ -127,6 +127,17 @@ class TestDisturbance:
         assert errors(fixes, walk, 50.0).max() < 2.0
         assert fixes[-1].status is Status.OK
 
+    @pytest.mark.parametrize("magnet", [(20.0, -15.0, 20.0), (80.0, 30.0, -30.0)])
+    def test_a_magnet_that_stays_becomes_the_offset(
+        self, walk: SimulatedWalk, field_map: GridMap, magnet: tuple[float, float, float]
+    ) -> None:
+        """Without that the fixes are sure and 8 m off."""
+        s = walk.samples
+        on = (s.t - s.t[0] > 25.0)[:, None]
+        fixes = track(segments(replace(s, mag=s.mag + on * np.array(magnet))), field_map)
+        assert errors(fixes, walk, 25.0).max() < 1.5
+        assert fixes[-1].sure
+
     def test_the_trajectory_tells_where_it_was(self, walk: SimulatedWalk, field_map: GridMap) -> None:
         pieces = segments(self.beside_a_magnet(walk, (20.0, 30.0)))
         smoothed = smooth_session(ParticleTracker(), PRIOR, pieces, OneMap(field_map), seed=1)
@@ -151,11 +162,12 @@ class TestDisturbance:
         assert verdict.sure == (status is Status.OK)
 
 
-def events(**flags: bool) -> StepEvents:
+def events(shift: float = 0.0, **flags: bool) -> StepEvents:
     """One step, due east, in a field that fits the middle of the map badly."""
     one = np.ones(1)
     told = {name: np.array([flags.get(name, False)]) for name in ("measured", "disturbed", "carrying")}
-    return StepEvents(one, 6.0 * one, 0.0 * one, 0.0 * one, np.array([[200.0, 0.0, 0.0]]), 0.7 * one, **told)
+    mag = np.array([[200.0, 0.0, 0.0]])
+    return StepEvents(one, 6.0 * one, 0.0 * one, 0.0 * one, mag, 0.7 * one, shift=shift * one, **told)
 
 
 def start(grid: FilterGrid, n: int = 500) -> Cloud:

@@ -31,6 +31,8 @@ class StepEvents:
         Whether ``stride`` was measured by wheels, not modelled.
     disturbed : array, shape (k,), bool
         The field cannot be the building's (see :mod:`app.engine.inertial.disturbance`).
+    shift : array, shape (k,), uT
+        At the first step after a disturbance: what it left behind. Else 0.
     carrying : array, shape (k,), bool
         From here on the device is held another way (see :mod:`app.engine.inertial.carrying`).
     """
@@ -43,6 +45,7 @@ class StepEvents:
     stride: Float64Array
     measured: BoolArray
     disturbed: BoolArray
+    shift: Float64Array
     carrying: BoolArray
 
     def __len__(self) -> int:

@@ -10,7 +10,7 @@ from app.engine.inertial.attitude import Attitude, LevelledSamples, level_sample
 from app.engine.inertial.carrying import Carrying, follow
 from app.engine.inertial.conditioning import window_means
 from app.engine.inertial.counter import Pedometer
-from app.engine.inertial.disturbance import disturbed
+from app.engine.inertial.disturbance import Calm, disturbed, shifts
 from app.engine.inertial.events import Moments, StepEvents
 from app.engine.inertial.steps import MEMORY_S, SETTLE_S, Steps, find_steps, settled_until
 from app.engine.inertial.stride import MEAN_SWING, weinberg
@@ -36,6 +36,7 @@ class PedestrianState:
     tail : LevelledSamples
         The last two seconds.
     carrying : Carrying or None
+    calm : Calm or None
     odometer : Odometer
     pedometer : Pedometer
     """
@@ -45,6 +46,7 @@ class PedestrianState:
     last_event_t: float
     tail: LevelledSamples
     carrying: Carrying | None = None
+    calm: Calm | None = None
     odometer: Odometer = field(default_factory=Odometer)
     pedometer: Pedometer = field(default_factory=Pedometer)
 
@@ -84,13 +86,15 @@ def advance(
     walked, pedometer = _walked(found, (state.pedometer if state else Pedometer()).hear(steps), odometer, until)
     odometer, driven = odometer.drive(levelled, until)
     last = state.last_event_t if state else -np.inf
-    events, carrying = _read(levelled, walked.merged(driven), last, state.carrying if state else None)
+    held, calm = (state.carrying, state.calm) if state else (None, None)
+    events, held, calm = _read(levelled, walked.merged(driven), last, held, calm)
     after = PedestrianState(
         attitude=attitude,
         last_step_t=float(found.t[-1]) if len(found) else state.last_step_t if state else -np.inf,
         last_event_t=float(events.t[-1]) if len(events) else last,
         tail=levelled.since(levelled.t[-1] - _KEEP_S),
-        carrying=carrying,
+        carrying=held,
+        calm=calm,
         odometer=odometer,
         pedometer=pedometer,
     )
@@ -120,24 +124,29 @@ def _steps(t: Float64Array, swing: Float64Array) -> Moments:
 
 
 def _read(
-    levelled: LevelledSamples, moments: Moments, last: float, carrying: Carrying | None
-) -> tuple[StepEvents, Carrying | None]:
+    levelled: LevelledSamples, moments: Moments, last: float, held: Carrying | None, calm: Calm | None
+) -> tuple[StepEvents, Carrying | None, Calm | None]:
     """Heading, field and flags of steps and pieces of way; ``last`` (s) is the time of the event before."""
     t = moments.t
     begin = np.maximum(np.concatenate(([last], t[:-1])), t - _PAUSE_S)[: len(t)]
     device = window_means(levelled.t, levelled.heading[:, None], begin, t)[:, 0]
     mag = window_means(levelled.t, levelled.mag, t - FIELD_WINDOW_S, t + FIELD_WINDOW_S)
-    carrying, walking, changed = follow(carrying, window_means(levelled.t, levelled.up, begin, t), device)
+    held, walking, changed = follow(held, window_means(levelled.t, levelled.up, begin, t), device)
     aside = np.angle(np.exp(1j * (moments.course - device)))
+    heading = np.interp(t, levelled.t, levelled.heading)
+    speed = moments.stride / np.maximum(t - begin, 0.02)
+    flags = disturbed(levelled, mag, begin, t + FIELD_WINDOW_S, speed)
+    calm, shift = shifts(calm, mag, heading, flags)
     events = StepEvents(
         t=t,
         swing=moments.swing,
         motion_heading=walking + np.where(np.isnan(aside), 0.0, aside),
-        heading=np.interp(t, levelled.t, levelled.heading),
+        heading=heading,
         mag=mag,
         stride=moments.stride,
         measured=moments.measured,
-        disturbed=disturbed(levelled, mag, begin, t + FIELD_WINDOW_S, moments.stride / np.maximum(t - begin, 0.02)),
+        disturbed=flags,
+        shift=shift,
         carrying=changed,
     )
-    return events, carrying
+    return events, held, calm

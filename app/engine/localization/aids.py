@@ -53,8 +53,21 @@ class RadioSighting:
         return self.scan.t
 
 
-Sighting = GnssSighting | RadioSighting
-Evidence = GnssSighting | RadioField
+@dataclass(frozen=True, slots=True)
+class LevelSighting:
+    """What is known of one level against all others: time (s), level, log odds."""
+
+    t: float
+    level_id: str
+    log: float
+
+    def log_weights(self, level_id: str, x: Float64Array, y: Float64Array) -> Float64Array:  # noqa: ARG002 - any place
+        """The same all over a level."""
+        return np.full(x.shape, self.log if level_id == self.level_id else 0.0)
+
+
+Sighting = GnssSighting | RadioSighting | LevelSighting
+Evidence = GnssSighting | RadioField | LevelSighting
 """A sighting that can be asked for log weights."""
 
 
@@ -112,7 +125,7 @@ class Evaluator:
 
     def evidence(self, sighting: Sighting) -> Evidence | None:
         """Log weights of a sighting, None if it tells nothing."""
-        if isinstance(sighting, GnssSighting):
+        if isinstance(sighting, GnssSighting | LevelSighting):
             return sighting
         if not self._aid.maps:
             return None
@@ -128,7 +141,7 @@ def weigh_cloud(cloud: Cloud, evidence: Evidence, level_id: str, *, log_unit: fl
 
 def top(evidence: Evidence, level_ids: Sequence[str]) -> float:
     """The most that the evidence gives any place on these levels."""
-    if isinstance(evidence, GnssSighting):
+    if isinstance(evidence, GnssSighting | LevelSighting):
         return 0.0
     return max((float(evidence.log[level_id].max()) for level_id in level_ids if level_id in evidence.log), default=0.0)
 
@@ -154,6 +167,8 @@ def sighting_values(sighting: Sighting) -> list[Any]:
     """As plain values."""
     if isinstance(sighting, GnssSighting):
         return ["gnss", sighting.t, sighting.x, sighting.y, sighting.sd, sighting.share]
+    if isinstance(sighting, LevelSighting):
+        return ["level", sighting.t, sighting.level_id, sighting.log]
     scan = sighting.scan
     return ["radio", scan.t, scan.newest_t, list(scan.name), scan.rssi, sighting.travelled_m]
 
@@ -163,5 +178,7 @@ def sighting_from(values: Sequence[Any]) -> Sighting:
     kind, *rest = values
     if kind == "gnss":
         return GnssSighting(*rest)
+    if kind == "level":
+        return LevelSighting(*rest)
     t, newest_t, name, rssi, travelled_m = rest
     return RadioSighting(RadioScan(t, newest_t, tuple(name), rssi), travelled_m)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
@@ -13,9 +13,11 @@ from app.engine.errors import StateError
 from app.engine.inertial import Attitude, LevelledSamples
 from app.engine.inertial.carrying import Carrying
 from app.engine.inertial.counter import Pedometer
+from app.engine.inertial.disturbance import Calm
 from app.engine.inertial.pedestrian import PedestrianState
+from app.engine.inertial.pressure import Barometer
 from app.engine.inertial.wheels import Odometer
-from app.engine.types import DeviceCalibration, Prior, SpeedReadings, StepCounts
+from app.engine.types import DeviceCalibration, PressureReadings, Prior, SpeedReadings, StepCounts
 
 VERSION = 2
 
@@ -51,6 +53,7 @@ def pedestrian_values(state: PedestrianState) -> dict[str, Any]:
         "last_t": [state.last_step_t, state.last_event_t],
         "t": tail.t, "mag": tail.mag, "heading": tail.heading, "vertical": tail.vertical, "up": tail.up,
         "carrying": None if state.carrying is None else asdict(state.carrying),
+        "calm": None if state.calm is None else asdict(state.calm),
         "odometer": [wheels.t, wheels.piece_t, wheels.way, wheels.x, wheels.y, *wheels.piece],
         "speed": [wheels.readings.t, wheels.readings.speed],
         "pedometer": [counter.until, counter.t, counter.count, counter.told, counter.credit, counter.wary],
@@ -62,7 +65,7 @@ def pedestrian_state(values: dict[str, Any]) -> PedestrianState:
     """Inverse of :func:`pedestrian_values`."""
     t, w, x, y, z, heading, *rest = values["attitude"]
     last_step_t, last_event_t = values["last_t"]
-    carrying = values["carrying"]
+    carrying, calm = values["carrying"], values["calm"]
     driven_t, piece_t, way, east, north, *piece = values["odometer"]
     until, counted_t, count, told, credit, wary = values["pedometer"]
     return PedestrianState(
@@ -71,9 +74,22 @@ def pedestrian_state(values: dict[str, Any]) -> PedestrianState:
         last_event_t,
         LevelledSamples(values["t"], values["mag"], values["heading"], values["vertical"], values["up"]),
         None if carrying is None else Carrying(**{**carrying, "up": tuple(carrying["up"])}),
+        None if calm is None else Calm(**calm),
         Odometer(driven_t, piece_t, way, east, north, tuple(piece), SpeedReadings(*values["speed"])),
         Pedometer(until, counted_t, count, told, credit, wary, StepCounts(*values["counts"])),
     )
+
+
+def barometer_values(barometer: Barometer) -> list[Any]:
+    """A barometer's state as plain values."""
+    pending = barometer.pending
+    return [pending.t, pending.hpa, barometer.blocks, barometer.left_m, barometer.climb_m]
+
+
+def barometer_from(values: Sequence[Any]) -> Barometer:
+    """Inverse of :func:`barometer_values`."""
+    t, hpa, blocks, left_m, climb_m = values
+    return Barometer(PressureReadings(t, hpa), tuple((at, height) for at, height in blocks), left_m, climb_m)
 
 
 def prior_values(prior: Prior) -> dict[str, Any]:

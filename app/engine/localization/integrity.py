@@ -93,6 +93,10 @@ class Integrity:
     settled: bool = False
     disturbed: float = 0.0
 
+    def away(self) -> Integrity:
+        """On another level than the map's."""
+        return replace(self, mapped=0.0)
+
     def resumed(self) -> Integrity:
         """After a gap."""
         return replace(self, walked_m=0.0, settled=False)
@@ -140,10 +144,10 @@ def judge(estimate: Estimate, integrity: Integrity, policy: IntegrityPolicy) -> 
     quality = float(1.0 / (1.0 + (sigma / 3.0) ** 2))
     if sigma > policy.insufficient_m or not integrity.settled:
         return Verdict(Status.INSUFFICIENT, quality, sure=False, walk_on_m=max(sigma, WALK_ON_M))
-    if integrity.disturbed > policy.disturbed_share:
-        return Verdict(Status.DISTURBED, quality * 0.5, sure=False, walk_on_m=None)
     if integrity.mapped < policy.off_map_share:
         return Verdict(Status.OFF_MAP, quality * 0.5, sure=False, walk_on_m=None)
+    if integrity.disturbed > policy.disturbed_share:
+        return Verdict(Status.DISTURBED, quality * 0.5, sure=False, walk_on_m=None)
     return Verdict(Status.OK, quality, sigma <= policy.sure_m, walk_on_m=None)
 
 

@@ -15,6 +15,8 @@ CARRY_SD = 0.5
 """rad: how much less is known of the angle between device and motion after it changed hands."""
 _MAX_CARRY = 1.2
 """rad, beyond which the kernel's small-angle turn by the carrying angle is none."""
+SHIFT_UT = 20.0
+"""Walking through a building shifts the field by less within the few steps of a disturbance."""
 UNHEARD = 1e4
 """Times the noise of the field at which a reading tells nothing."""
 WHEEL_SCALE = 0.15
@@ -36,7 +38,8 @@ def take_step(
     """Move particles by step ``i`` and weigh them by its field.
 
     * A *disturbed* step moves only. Its likelihood is 1, and the next reading is compared as a first one, since the
-      residual it would be whitened with is the disturbance.
+      residual it would be whitened with is the disturbance. Where it left the field shifted, the offset is open by as
+      much: a magnet came to stay.
     * With a *change of carrying* the carrying angle is open again, and so is the offset: it belongs to the body of the
       device, which was turned. What the device's heading turned by is in ``motion_heading`` already.
     * *Measured* pieces of way (wheels) have a fraction of a stride's noise. The stride scale of a particle stands for
@@ -52,6 +55,8 @@ def take_step(
     disturbed, measured = bool(events.disturbed[i]), bool(events.measured[i])
     if events.carrying[i]:
         cloud = loosen(cloud, spread, rng)
+    if events.shift[i] > SHIFT_UT:
+        cloud.p[12:14] = np.maximum(cloud.p[12:14], events.shift[i] ** 2)
     if measured:
         noise = replace(
             noise, stride=_WHEEL_STRIDE, position=_WHEEL_POSITION_M, scale_walk=WHEEL_SCALE * noise.scale_walk

@@ -23,6 +23,7 @@ from app.engine.localization.aids import (
     at_way,
     sightings,
 )
+from app.engine.localization.climbing import watch
 from app.engine.localization.initial import (
     FORGET_S,
     WALKING_M_S,
@@ -144,6 +145,9 @@ class ParticleTracker:
         elif gap > 0.0:
             self._resume(session, gap, map_source, first, rng)
         session.count += 1
+        away = watch(session, segment, map_source)
+        if away:
+            events = replace(events, disturbed=np.ones(len(events), dtype=np.bool_))
         way = session.travelled_m + np.concatenate([[0.0], np.cumsum(events.stride)])
         radio, (memory, seen) = session.aids.radio, sightings(segment, session.aids, session.travelled_m)
         session.aids, session.travelled_m = memory, float(way[-1])
@@ -152,7 +156,7 @@ class ParticleTracker:
             session.quest.sightings += seen
             yield from ((fix, None) for fix in self._search(session, session.quest, events, first, map_source, t))
         elif session.track is not None:
-            yield from self._follow(session, session.track, events, seen, radio, map_source, t, rng)
+            yield from self._follow(session, session.track, events, seen, radio, map_source, t, rng, away=away)
 
     def _follow(
         self,
@@ -164,6 +168,8 @@ class ParticleTracker:
         map_source: MapSource,
         t: float,
         rng: np.random.Generator,
+        *,
+        away: bool,
     ) -> Iterator[tuple[Fix, Advance | None]]:
         """Track the steps of a segment; evidence beside the field counts before the step that follows it."""
         grid = self._grid(map_source, track.level_id)
@@ -173,11 +179,15 @@ class ParticleTracker:
             while waiting and waiting[0].t <= events.t[i]:
                 weigh_by(track, evaluator, waiting.popleft())
             moved = self._advance(track, grid, events, i, rng)
+            if away:
+                track.integrity = track.integrity.away()
             yield self._fix(track, float(events.t[i])), moved
         counted = [weigh_by(track, evaluator, sighting) for sighting in waiting]
         if any(counted):
             track.estimate = estimate_of(track.cloud, grid)
         session.aids = replace(session.aids, radio=replace(evaluator.memory, last_t=session.aids.radio.last_t))
+        if away:
+            track.integrity = track.integrity.away()
         yield self._fix(track, t), None
 
     def _grid(self, map_source: MapSource, level_id: str) -> FilterGrid:

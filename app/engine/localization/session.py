@@ -9,6 +9,7 @@ import numpy as np
 
 from app.engine.filtering import Cloud, Estimate, FilterGrid
 from app.engine.inertial import PedestrianState, StepEvents
+from app.engine.inertial.pressure import Barometer
 from app.engine.localization import codec
 from app.engine.localization.aids import (
     AidMemory,
@@ -71,6 +72,7 @@ class SessionState:
     quest: Quest | None = None
     aids: AidMemory = field(default_factory=AidMemory)
     travelled_m: float = 0.0
+    barometer: Barometer = field(default_factory=Barometer)
     beginning: Track | None = None
 
     def encode(self) -> bytes:
@@ -78,6 +80,7 @@ class SessionState:
         track, quest, pedestrian = self.track, self.quest, self.pedestrian
         values: dict[str, Any] = {"prior": codec.prior_values(self.prior), "seed": self.seed, "count": self.count}
         values["aids"], values["travelled_m"] = memory_values(self.aids), self.travelled_m
+        values["barometer"] = codec.barometer_values(self.barometer)
         if pedestrian is not None:
             values["pedestrian"] = codec.pedestrian_values(pedestrian)
         if track is not None:
@@ -106,6 +109,7 @@ class SessionState:
         values = codec.unpack(payload)
         session = cls(codec.prior_from(values["prior"]), values["seed"], values["count"])
         session.aids, session.travelled_m = memory_from(values["aids"]), values["travelled_m"]
+        session.barometer = codec.barometer_from(values["barometer"])
         if "pedestrian" in values:
             session.pedestrian = codec.pedestrian_state(values["pedestrian"])
         if "track" in values:

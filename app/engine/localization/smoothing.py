@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from app.engine.filtering import Advance
 from app.engine.inertial import gap_before
+from app.engine.localization.climbing import changes_level
 from app.engine.localization.integrity import Integrity, calibrate, judge
 from app.engine.localization.particle import ParticleTracker
 from app.engine.localization.session import SessionState, Track
@@ -36,7 +37,8 @@ def smooth_session(
 
     The genealogy of the particles is followed back from the end (Kitagawa 1996, doi:10.2307/1390750). Lines merge going
     back, so more particles are used than for tracking. After a gap between segments the filter draws its particles
-    anew, so nothing is followed across it: each stretch between gaps is smoothed for itself.
+    anew, so nothing is followed across it: each stretch between gaps is smoothed for itself. So it is after a change of
+    level, where the place is searched anew.
     """
     n = SMOOTHING_PARTICLES  # whatever tracking uses: half an hour of them takes 200 MB
     wide = ParticleTracker(
@@ -50,7 +52,7 @@ def smooth_session(
     fixes: list[Fix] = []
     stretch = _Stretch()
     for segment in segments:
-        if session.pedestrian is not None and gap_before(session.pedestrian, segment.samples) > 0.0:
+        if _interrupts(session, segment, map_source):
             fixes += stretch.smooth(wide)
             stretch = _Stretch()
         searching = session.quest is not None or session.pedestrian is None
@@ -60,8 +62,15 @@ def smooth_session(
     return (*fixes, *stretch.smooth(wide))
 
 
+def _interrupts(session: SessionState, segment: Segment, map_source: MapSource) -> bool:
+    """Whether particles are drawn anew: after a gap, or on another level."""
+    if session.pedestrian is None:
+        return False
+    return gap_before(session.pedestrian, segment.samples) > 0.0 or changes_level(session, segment, map_source)
+
+
 class _Stretch:
-    """What lies between two gaps: first fixes of the search, if the place was searched, then steps of the filter."""
+    """What lies between two gaps or changes of level: fixes of a search, if there was one, then steps of the filter."""
 
     def __init__(self) -> None:
         self.segments: list[Segment] = []
