@@ -21,7 +21,7 @@ def demo(folder: Path, *options: str) -> subprocess.CompletedProcess[str]:
     environment = {**os.environ, "TMPDIR": str(folder), "PYTHONPATH": f"{root}:{root / 'clients/python/src'}"}
     command = [sys.executable, "-m", "app.cli", "demo", *options]
     return subprocess.run(
-        command, cwd=folder, env=environment, capture_output=True, text=True, timeout=280, check=False
+        command, cwd=folder, env=environment, capture_output=True, text=True, timeout=560, check=False
     )
 
 
