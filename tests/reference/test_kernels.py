@@ -109,7 +109,7 @@ class TestKriging:
     def test_repeated_samples_stay_finite(self) -> None:
         xy = np.zeros((30, 2))
         mean, var = np.empty((1, 1)), np.empty(1)
-        no_noise = np.array([1.0, 0.0, 1.0, 0.0])
+        no_noise = np.array([1.0, 0.0, 1.0, 0.0, 0.0, 1.0])
         krige_blocks(
             xy, np.zeros(30, np.int64), np.ones((30, 1)), np.arange(30)[None], np.array([30]), np.zeros((1, 2)),
             np.array([0, 1]), no_noise, mean, var,
