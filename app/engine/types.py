@@ -445,8 +445,8 @@ class MapBuildSettings:
     extent: tuple[float, float, float, float] | None = None
     """``(x_min, y_min, x_max, y_max)``; None: the samples' bounding box and a margin."""
     align: bool = True
-    """Estimate each walk's hard iron and carrying angle against the other walks. Not for a survey by calibrated devices
-    along lines that hardly cross: there what differs between walks is the field."""
+    """Estimate each walk's hard iron, carrying angle and label errors against the other walks. Not for a survey by
+    calibrated devices along lines that hardly cross: there what differs between walks is the field."""
 
 
 @dataclass(frozen=True, slots=True)

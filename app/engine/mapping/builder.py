@@ -8,6 +8,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from app.engine.errors import InputError, MapError
+from app.engine.mapping.adjustment import adjust_walks
 from app.engine.mapping.kriging import FieldLevel, FieldSamples, krige_grid
 from app.engine.mapping.offsets import WalkOffsets, estimate_offsets, no_offsets
 from app.engine.mapping.plan import FloorPlan, obstacle_depth
@@ -41,9 +42,9 @@ def build_map(
 ) -> MapBuild:
     """Build a map with mean and standard deviation per node.
 
-    Walks are placed between their waypoints by steps; hard iron and carrying angle of each walk are (unless
-    ``settings.align`` is off) estimated jointly with the field; the field is kriged in blocks with a covariance fitted
-    to this level.
+    Walks are placed between their waypoints by steps; unless ``settings.align`` is off, they are moved to where they
+    agree with one another (labels are good to half a metre or a metre), and hard iron and carrying angle of each are
+    estimated jointly with the field. The field is kriged in blocks with a covariance fitted to this level.
 
     Parameters
     ----------
@@ -66,7 +67,10 @@ def build_map(
     if not placed:
         reasons = "; ".join(f"{r.walk_id}: {r.rejected}" for r in reports[:3])
         raise MapError(f"no walk could be placed ({reasons or 'none given'})")
-    say(0.3, "aligning walks")
+    labelled = placed
+    if settings.align:
+        placed = adjust_walks(placed, progress=lambda f, what: say(0.2 + 0.1 * f, what))
+    say(0.3, "offsets of walks")
     offsets = estimate_offsets(placed) if settings.align else no_offsets(len(placed))
     samples = _field_samples(placed, offsets, settings.features)
     say(0.35, "fitting covariance")
@@ -100,8 +104,15 @@ def build_map(
             "error": covariance.error,
             "error_length_m": covariance.error_length_m,
             "white": covariance.white,
+            "moved_m": _moved(labelled, placed),
         },
     )
+
+
+def _moved(labelled: Sequence[PlacedSamples], placed: Sequence[PlacedSamples]) -> float:
+    """Root mean square of how far samples were moved from where their labels put them, m."""
+    square = [((after.xy - before.xy) ** 2).sum(axis=1) for before, after in zip(labelled, placed, strict=True)]
+    return float(np.sqrt(np.concatenate(square).mean()))
 
 
 def _silent(_fraction: float, _what: str) -> None:
@@ -116,7 +127,7 @@ def _place_all(walks: Sequence[SurveyWalk], say: Progress) -> tuple[list[PlacedS
             placed.append(place_samples(walk))
         except InputError as error:
             rejected.append(WalkReport(walk.walk_id, 0, 0.0, (), 0.0, rejected=str(error)))
-        say(0.3 * (i + 1) / len(walks), "placing walks")
+        say(0.2 * ((i + 1) / len(walks)), "placing walks")
     return placed, rejected
 
 
