@@ -100,9 +100,9 @@ class DeadReckoningTracker:
         return None
 
     def _walk(self, track: _Track, prior: Prior, level_id: str, events: StepEvents, i: int) -> Fix:
-        known = prior.calibration
-        modelled = self.parameters.stride_constant / BOUNCE * (1.0 if known is None else known.stride_scale)
-        stride = float(events.stride[i]) * (1.0 if events.measured[i] else modelled)
+        known = 1.0 if prior.calibration is None else prior.calibration.stride_scale
+        scale = 1.0 if events.measured[i] else known * self.parameters.stride_constant / BOUNCE
+        stride = scale * float(events.stride[i])
         track.heading = float(events.motion_heading[i]) + track.offset
         track.x += stride * float(np.cos(track.heading))
         track.y += stride * float(np.sin(track.heading))
