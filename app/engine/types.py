@@ -461,6 +461,8 @@ class WalkReport:
     residual_rms: float
     rejected: str | None = None
     """Why the walk was left out, if it was."""
+    stride_scale: float | None = None
+    """The walker's stride over the stride model's; None where the walk does not tell."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from app.engine.types import Float64Array, GridMap, Progress
+from app.engine.types import DeviceCalibration, Float64Array, GridMap, Progress
 from app.evaluation.corners import corner_errors, run_error, scored_corners
 from app.evaluation.datasets.walks import RecordedWalk
 from app.evaluation.metrics import StepScores, Summary, score_steps, summarize
@@ -104,7 +104,7 @@ def _whole(result: WalkResult, track: ScoredTrack) -> StepScores:
 
 @dataclass(frozen=True, slots=True)
 class Bench:
-    """What the runs share: one level with its map and survey, and the tracker."""
+    """What the runs share: one level with its map and survey, the tracker, and what is known of the device."""
 
     level: str
     grid_map: GridMap
@@ -112,12 +112,13 @@ class Bench:
     method: str
     parameters: Mapping[str, object]
     create_tracker: CreateTracker
+    calibration: DeviceCalibration | None = None
 
     def tasks(self, walks: Sequence[RecordedWalk], scenario: Scenario, runs: int) -> list[RunsTask]:
         """Work orders for ``runs`` runs of each walk."""
         tasks = []
         for walk in walks:
-            job = Job(self.level, self.level, "", (walk,), self.area, scenario, Aids(), 0)
+            job = Job(self.level, self.level, "", (walk,), self.area, scenario, Aids(), 0, self.calibration)
             maps = {self.level: self.grid_map}
             work = EngineJob(job, maps, self.method, self.parameters, self.create_tracker)
             tasks += [

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 from app.engine.errors import EngineError
 from app.engine.inertial import detect_steps
-from app.engine.types import Fix, GridMap, Tracker
+from app.engine.types import DeviceCalibration, Fix, GridMap, Tracker
 from app.evaluation.datasets.walks import RecordedWalk
 from app.evaluation.drivers import Driver, EngineDriver, GridMaps, Smoother
 from app.evaluation.metrics import interpolate_fixes, score_steps
@@ -35,6 +35,8 @@ class Job:
     scenario: Scenario
     aids: Aids
     repeat: int
+    calibration: DeviceCalibration | None = None
+    """What is known of the walks' device before they begin."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,6 +85,7 @@ def _replay_walk(
     if len(truth) < MIN_STEPS:
         return Dropped(job.level, walk.walk_id, f"{len(truth)} steps, fewer than {MIN_STEPS}")
     trip = make_trip(walk, job.level_id, job.scenario, venue_id=job.venue_id, aids=job.aids, repeat=job.repeat)
+    trip = replace(trip, prior=replace(trip.prior, calibration=job.calibration))
     if not trip.segments:
         return Dropped(job.level, walk.walk_id, "no samples after the first label")
 

@@ -13,7 +13,10 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from app.engine.types import MapBuildSettings, Progress
+from app.engine.calibration import next_session, remember_strides, unknown_device
+from app.engine.errors import InputError
+from app.engine.mapping.samples import place_samples
+from app.engine.types import DeviceCalibration, MapBuildSettings, Progress, SurveyWalk
 from app.evaluation.datasets.uji import LEVEL, TEST, TRAIN, open_uji
 from app.evaluation.drivers import FieldRaster
 from app.evaluation.errors import DataSetError, OptionsError
@@ -144,7 +147,10 @@ def run_uji(options: UjiOptions, progress: Progress | None = None, *, engine: En
     prepared = engine.prepare(PrepareTask(LEVEL, survey, options.map_settings, options.cache))
     if prepared.grid_map is None:
         raise DataSetError(data.folder, f"gives no map: {prepared.problem}")
-    bench = Bench(LEVEL, prepared.grid_map, prepared.area, options.method, options.parameters, engine.create_tracker)
+    bench = Bench(
+        LEVEL, prepared.grid_map, prepared.area, options.method, options.parameters, engine.create_tracker,
+        calibration=known_device(survey),
+    )  # fmt: skip
     walks = data.walks(TEST)
 
     def replayed(scenario: Scenario, start: float) -> ScenarioReport:
@@ -159,6 +165,24 @@ def run_uji(options: UjiOptions, progress: Progress | None = None, *, engine: En
         _plot(whole, prepared, options.plots)
     say(1.0, "done")
     return whole
+
+
+def known_device(survey: Sequence[SurveyWalk]) -> DeviceCalibration:
+    """What the survey taught about its phone by the time of the test walks: the carrier's stride.
+
+    The data set has one phone and the same walkers throughout; a service knows as much of a device that surveyed. Its
+    magnetometer was recalibrated again and again, by 12 uT of the vertical field (one standard deviation over the
+    survey's walks), so of its hard iron nothing is known.
+    """
+    scales = [scale for walk in survey if (scale := _stride_scale(walk)) is not None]
+    return next_session(remember_strides(unknown_device(), scales))
+
+
+def _stride_scale(walk: SurveyWalk) -> float | None:
+    try:
+        return place_samples(walk).stride_scale
+    except InputError:  # the map is built without it, too
+        return None
 
 
 def _report(
@@ -209,7 +233,8 @@ _HEADER = (
 )  # fmt: skip
 _PUBLISHED_REST = (length_cell(PUBLISHED_DEAD_RECKONING_MEAN_M), *[""] * 8)
 _LEGEND = (
-    "start pose known, then unknown; errors in metres at every step from the first label on; dr: dead reckoning",
+    "start pose known, then unknown; strides known from the survey; dr: dead reckoning",
+    "errors in metres at every step from the first label on",
     "1st fix: metres walked until a fix claims a position (median); published: its run assumes the start pose",
 )
 

@@ -1,12 +1,14 @@
-"""What a device's sessions taught, from the end of one to the start of the next."""
+"""What a device's sessions and survey walks taught, from the end of one to the start of the next."""
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Sequence
+from dataclasses import replace
 from datetime import datetime
 
-from app.engine.calibration import next_epoch, next_session, remember, unknown_device
-from app.engine.types import DeviceCalibration
+from app.engine.calibration import next_epoch, next_session, remember, remember_strides, unknown_device
+from app.engine.types import DeviceCalibration, WalkReport
 from app.services.errors import InvalidError
 from app.services.ports import UnitOfWork
 from app.services.records import DeviceMemory, SessionStatus
@@ -50,6 +52,32 @@ def remember_if_over(uow: UnitOfWork, session_id: str, now: datetime) -> None:
             updated_at=now,
         )
     )
+
+
+def remember_survey(uow: UnitOfWork, level_id: str, reports: Sequence[WalkReport], now: datetime) -> None:
+    """Fuse the strides of survey walks into the memories of the devices they name, each walk once.
+
+    To be called in the transaction that stores a map, before it is stored: walks of the level's earlier maps have
+    taught already. The stride belongs to whoever carries the device, not to an epoch of its magnetometer: it is kept
+    with the epoch used last, from where other epochs take it.
+    """
+    owners, known = uow.surveys.devices(level_id), uow.maps.paced_walks(level_id)
+    scales: defaultdict[str, list[float]] = defaultdict(list)
+    for report in reports:
+        if report.stride_scale is not None and report.walk_id in owners and report.walk_id not in known:
+            scales[owners[report.walk_id]].append(report.stride_scale)
+    for device_id in sorted(scales):  # in one order, so that two builds never wait for each other's devices
+        _remember_strides(uow, device_id, scales[device_id], now)
+
+
+def _remember_strides(uow: UnitOfWork, device_id: str, scales: Sequence[float], now: datetime) -> None:
+    memories = uow.devices.memories(device_id)
+    latest = memories[0] if memories else DeviceMemory(device_id, "", unknown_device(), n_sessions=0, updated_at=now)
+    before = latest.calibration
+    # the offset is as old as it was: a survey tells nothing of it, so it does not fade either
+    stride = remember_strides(next_session(before) if memories else before, scales)
+    taught = DeviceCalibration(before.offset, before.offset_sd, stride.stride_scale, stride.stride_scale_sd)
+    uow.devices.set_memory(replace(latest, calibration=taught, updated_at=now))
 
 
 def _expected(memories: Sequence[DeviceMemory], epoch: str) -> DeviceCalibration | None:

@@ -11,7 +11,7 @@ from app.engine.mapping import FloorPlan
 from app.engine.types import DeviceCalibration, Fix
 from app.services.base import Service
 from app.services.clock import Clock
-from app.services.device_memory import remember_if_over
+from app.services.device_memory import remember_if_over, remember_survey
 from app.services.ids import new_id, seed_of
 from app.services.jobs import record_segment_failure
 from app.services.level_frame import in_level_frame
@@ -97,7 +97,7 @@ class ProcessingService(Service):
             return uow.jobs.get(job.id)
 
     def complete_build(self, job: Job, result: BuildResult, build_s: float) -> Job:
-        """Store the map as the level's next version and make it the current one."""
+        """Store the map as the level's next version and make it the current one; its walks teach their devices."""
         now = self._clock()
         grid_map = result.build.grid_map
         with self._uow() as uow:
@@ -108,6 +108,7 @@ class ProcessingService(Service):
             outcome: Outcome = {"map_id": info.id, "version": info.version, "cpu_s": result.cpu_s}
             finished = uow.jobs.finish(job.id, JobState.DONE, now, result=outcome, attempts=job.attempts)
             if finished:
+                remember_survey(uow, info.level_id, info.walks, now)
                 uow.maps.add(info, packed)
                 uow.levels.set_current_map(info.level_id, info.id, now)
             done = uow.jobs.get(job.id)

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from app.engine.inertial import detect_steps, level_samples
-from app.evaluation.datasets.uji import GRAVITY, TEST, TRAIN, Uji, attitude, open_uji, reconstruct
+from app.evaluation.datasets.uji import COMPASS_PULL, GRAVITY, TEST, TRAIN, Uji, attitude, open_uji, reconstruct
 from app.evaluation.errors import DataSetError
 from app.evaluation.truth import truth_at_steps
 from tests.evaluation.halls import TRACK, laboratory, write_uji
@@ -71,7 +71,7 @@ def test_the_gyroscope_turns_against_the_azimuth(rate: float, pitch: float, roll
     azimuth = (start + rate * T_MS / 1000.0 + 180.0) % 360.0 - 180.0
     angles = np.stack([azimuth, np.full(100, pitch), np.full(100, roll)], axis=1)
     angles[:, 1] += 1e-3 * np.arange(100) % 2  # alive even when the rate is zero
-    samples = reconstruct(T_MS, fields(), np.zeros((100, 3)), repeated(angles), 0)
+    samples = reconstruct(T_MS, fields(), np.zeros((100, 3)), repeated(angles), 0, compass_pull=0.0)
     assert samples is not None
     up = attitude(np.array([[start, pitch, roll]])).inv().apply([0.0, 0.0, 1.0])[0]
     turned = (samples.gyro[1:-1] @ up * 0.1).sum()
@@ -85,13 +85,30 @@ def test_the_engine_finds_the_attitude_again() -> None:
     angles = np.stack([40.0 * np.sin(t / 3), -30.0 + 3.0 * np.sin(t), 5.0 * np.cos(t)], axis=1)
     field_n = np.array([5.0, 25.0, -35.0])
     mag = attitude(repeated(angles)).inv().apply(field_n)
-    samples = reconstruct(T_MS, mag, np.zeros((100, 3)), repeated(angles), 0)
+    samples = reconstruct(T_MS, mag, np.zeros((100, 3)), repeated(angles), 0, compass_pull=0.0)
     assert samples is not None
     levelled, _ = level_samples(samples)
     # the field is as old as the attitude it came with: up to 0.1 s against the interpolated one
     assert np.abs(levelled.mag[:, 2] - field_n[2]).max() < 2.0
     turned = np.degrees(levelled.heading - levelled.heading[0])
     np.testing.assert_allclose(turned, -(angles[-len(t) + 2 :, 0] - angles[2, 0])[: len(turned)], atol=5.0)
+
+
+@given(bent=st.floats(-1.2, 1.2), pitch=st.floats(-60.0, 60.0))
+def test_what_the_compass_drew_is_no_turn(bent: float, pitch: float) -> None:
+    """A phone that points one way while its filter draws the azimuth to a bent field: the gyroscope feels no turn."""
+    heading = np.zeros(100)
+    for i in range(1, 100):
+        east = 25.0 * np.sin(bent + heading[i - 1])  # of the field in the attitude believed so far, clockwise angles
+        heading[i] = heading[i - 1] - COMPASS_PULL * east * 0.1
+    angles = np.stack([np.degrees(heading), np.full(100, pitch), np.zeros(100)], axis=1)
+    angles[:, 1] += 1e-3 * np.arange(100) % 2
+    true = attitude(np.array([[0.0, pitch, 0.0]]))
+    mag = true.inv().apply([25.0 * np.sin(bent), 25.0 * np.cos(bent), -35.0]) + 1e-3 * np.arange(100)[:, None] % 2
+    samples = reconstruct(T_MS, mag, np.zeros((100, 3)), angles, 0)
+    assert samples is not None
+    turned = float(((samples.gyro @ true.inv().apply([0.0, 0.0, 1.0])[0])[1:] * np.diff(samples.t)).sum())
+    assert abs(turned) < 0.02 + 0.02 * abs(heading[-1])
 
 
 def test_android_angles() -> None:
@@ -106,7 +123,7 @@ def test_android_angles() -> None:
 def test_stale_rows_are_left_out() -> None:
     angles, mag = still((40.0, -30.0, 0.0)), fields()
     angles[:5], mag[:3] = 0.0, [95.0, 6.0, 85.0]
-    samples = reconstruct(T_MS, mag, np.zeros((100, 3)), angles, 1000)
+    samples = reconstruct(T_MS, mag, np.zeros((100, 3)), angles, 1000, compass_pull=0.0)
     assert samples is not None
     assert samples.t[0] == pytest.approx(1.5)
     assert np.abs(samples.mag[:, 0]).max() < 1.0

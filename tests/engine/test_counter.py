@@ -9,7 +9,7 @@ import pytest
 
 from app.engine.inertial import StepEvents, advance
 from app.engine.inertial.counter import Pedometer
-from app.engine.inertial.stride import MEAN_SWING, weinberg
+from app.engine.inertial.stride import MEAN_STEP_S, MEAN_SWING, stride_length
 from app.engine.localization import codec
 from app.engine.types import ImuSamples, SpeedReadings, StepCounts
 from tests.support.walks import CADENCE_HZ, Field, cut, walk_through
@@ -73,7 +73,9 @@ def test_a_soft_pocket_goes_by_the_counter(share: float, every_s: float) -> None
     assert not events.measured.any()
     counted = events.swing == MEAN_SWING
     assert counted.mean() > 0.9
-    np.testing.assert_allclose(events.stride[counted], weinberg(np.array([MEAN_SWING]))[0])
+    np.testing.assert_allclose(
+        events.stride[counted], stride_length(np.array([MEAN_SWING]), np.array([MEAN_STEP_S]))[0]
+    )
 
 
 def test_steps_after_a_stand_are_those_just_before_the_reading() -> None:

@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 
 from app.engine.errors import InputError
 from app.engine.inertial import advance, common_time_base, detect_steps, find_steps, level_samples
-from app.engine.inertial.legs import heading_offset, positions_by_steps, step_count
+from app.engine.inertial.legs import heading_offset, positions_by_steps, step_count, stride_scale
 from app.engine.inertial.steps import Steps
-from app.engine.inertial.stride import weinberg
+from app.engine.inertial.stride import MEAN_STEP_S, step_durations, stride_length
 from app.engine.types import ImuSamples, Waypoints
 from tests.support.walks import CADENCE_HZ, Field, SimulatedWalk, cut, walk_through
 
@@ -131,6 +131,36 @@ def test_positions_outside_the_waypoints_are_unknown() -> None:
     assert (x[1], y[1]) == (0.5, 0.5)
 
 
+def test_stride_scale_is_known_distance_over_modelled(walk: SimulatedWalk) -> None:
+    levelled, _ = level_samples(walk.samples)
+    steps = find_steps(levelled.t, levelled.vertical)
+    t = np.linspace(walk.samples.t[0], walk.samples.t[-1], 40)
+    x, y = np.array([walk.at(at) for at in t]).T
+    scale = stride_scale(steps, float(levelled.t[-1]), Waypoints(t, x, y))
+    events = advance(None, walk.samples)[1]
+    length = np.hypot(np.diff(x), np.diff(y)).sum()
+    assert scale == pytest.approx(length / events.stride.sum(), rel=0.06)
+    assert scale is not None
+    assert stride_scale(steps, float(levelled.t[-1]), Waypoints(t, 1.3 * x, 1.3 * y)) == pytest.approx(1.3 * scale)
+
+
+def test_stride_scale_is_not_told_by_few_steps_or_wrong_labels() -> None:
+    steps = Steps(np.arange(1.0, 10.0, 0.5), np.full(18, 6.4))
+    ends = np.array([0.8, 9.7])
+    assert stride_scale(steps, 20.0, Waypoints(ends, np.array([0.0, 12.0]), np.zeros(2))) is not None
+    assert stride_scale(steps, 20.0, Waypoints(ends, np.array([0.0, 60.0]), np.zeros(2))) is None
+    assert stride_scale(steps, 20.0, Waypoints(np.array([0.8, 3.0]), np.array([0.0, 3.0]), np.zeros(2))) is None
+
+
+def test_steps_too_late_to_be_found_do_not_stretch_the_stride() -> None:
+    """Twenty steps of 0.7 m, the recording ends with the last: it and the one before are not confirmed."""
+    t = np.arange(1, 21) * 0.5
+    waypoints = Waypoints(np.array([0.0, 10.0]), np.array([0.0, 14.0]), np.zeros(2))
+    whole = stride_scale(Steps(t, np.full(20, 6.4)), 12.0, waypoints)
+    cut_off = stride_scale(Steps(t[:-1], np.full(19, 6.4)), 10.0, waypoints)
+    assert cut_off == pytest.approx(whole, rel=0.025)
+
+
 def test_heading_offset_finds_the_level_frame(walk: SimulatedWalk) -> None:
     levelled, _ = level_samples(walk.samples)
     steps = find_steps(levelled.t, levelled.vertical)
@@ -141,9 +171,28 @@ def test_heading_offset_finds_the_level_frame(walk: SimulatedWalk) -> None:
     assert np.abs(error).max() < 0.15
 
 
-@given(swing=st.floats(0, 200))
-def test_stride_is_human(swing: float) -> None:
-    assert 0.3 <= weinberg(np.array([swing]))[0] <= 1.1
+@given(swing=st.floats(0, 200), duration=st.floats(0.33, np.inf))
+def test_stride_is_human(swing: float, duration: float) -> None:
+    assert 0.3 <= stride_length(np.array([swing]), np.array([duration]))[0] <= 1.1
+
+
+def test_the_median_step_is_a_stride_of_two_feet() -> None:
+    assert stride_length(np.array([6.4]), np.array([MEAN_STEP_S]))[0] == pytest.approx(0.68, abs=0.01)
+
+
+@given(bounce=st.floats(0.5, 4.0), duration=st.floats(0.35, 0.9))
+def test_the_same_bounce_is_the_same_stride_at_any_pace(bounce: float, duration: float) -> None:
+    """A slow walker's acceleration is weak, his steps are not short."""
+    slow, usual = stride_length(bounce / np.array([duration, MEAN_STEP_S]) ** 2, np.array([duration, MEAN_STEP_S]))
+    assert slow == pytest.approx(usual, rel=1e-9)
+
+
+def test_a_step_after_a_pause_is_a_usual_one() -> None:
+    durations = step_durations(np.array([0.5, 1.0, 9.0]), -np.inf)
+    np.testing.assert_array_equal(durations, [np.inf, 0.5, 8.0])
+    strides = stride_length(np.full(3, 6.4), durations)
+    assert strides[0] == strides[2] == stride_length(np.array([6.4]), np.array([MEAN_STEP_S]))[0]
+    assert len(step_durations(np.empty(0), 1.0)) == 0
 
 
 class TestCommonTimeBase:

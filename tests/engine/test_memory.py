@@ -10,7 +10,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from app.engine.calibration import MemoryLaw, next_epoch, next_session, remember, unknown_device
+from app.engine.calibration import (
+    MemoryLaw,
+    next_epoch,
+    next_session,
+    remember,
+    remember_strides,
+    unknown_device,
+)
 from app.engine.inertial.stride import SPREAD
 from app.engine.localization.initial import InitialSpread
 from app.engine.types import DeviceCalibration
@@ -172,3 +179,28 @@ def test_particles_that_all_agree_are_no_certainty() -> None:
     fused = remember(start, None, replace(known(7.0, 0.0), stride_scale=1.2, stride_scale_sd=0.0))
     assert fused.offset_sd == (2.0, 2.0, 2.0)
     assert 1.15 < fused.stride_scale < 1.2
+
+
+@given(memory=calibrations(), seen=st.lists(st.floats(0.7, 1.5), min_size=1, max_size=30))
+def test_a_survey_teaches_the_stride_alone(memory: DeviceCalibration, seen: list[float]) -> None:
+    taught = remember_strides(memory, seen)
+    assert (taught.offset, taught.offset_sd) == (memory.offset, memory.offset_sd)
+    low, high = sorted((memory.stride_scale, float(np.median(seen))))
+    assert low - 1e-9 <= taught.stride_scale <= high + 1e-9
+    assert taught.stride_scale_sd <= max(memory.stride_scale_sd, LAW.stride_floor)
+    assert taught.stride_scale_sd >= LAW.stride_floor
+
+
+def test_more_survey_walks_count_for_more_up_to_the_floor() -> None:
+    sds = [remember_strides(unknown_device(), [1.2] * n).stride_scale_sd for n in (1, 3, 100, 1000)]
+    assert sds[0] > sds[1] > sds[2] == sds[3] == LAW.stride_floor
+    assert remember_strides(unknown_device(), [1.2] * 100).stride_scale == pytest.approx(1.2, abs=0.03)
+
+
+def test_one_wrong_label_does_not_carry_the_day() -> None:
+    taught = remember_strides(unknown_device(), [1.1, 1.12, 1.08, 1.1, 1.9])
+    assert taught.stride_scale == pytest.approx(1.1, abs=0.02)
+
+
+def test_no_walk_teaches_nothing() -> None:
+    assert remember_strides(known(1.0, 2.0), []) == known(1.0, 2.0)

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from app.engine.calibration import unknown_device
 from app.engine.errors import InputError, StateError
 from app.engine.inertial.steps import SETTLE_S
 from app.engine.localization import METHODS, create_tracker
@@ -174,6 +175,16 @@ class TestRegistry:
 
 
 class TestParticleTracker:
+    def test_dead_reckoning_goes_by_the_stride_of_a_known_device(self, walk: SimulatedWalk, field_map: GridMap) -> None:
+        prior = Prior("sim", *walk.xy[0], 0.5, heading=float(walk.heading[0]), heading_sd=0.05)
+        tracker = create_tracker("dead_reckoning")
+        tall = replace(unknown_device(), stride_scale=1.25)
+        plain, known = (track(tracker, walk, field_map, replace(prior, calibration=c))[-1] for c in (None, tall))
+        start = walk.xy[0]
+        np.testing.assert_allclose(
+            [known.x - start[0], known.y - start[1]], 1.25 * np.array([plain.x - start[0], plain.y - start[1]])
+        )
+
     def test_it_beats_dead_reckoning(self, walk: SimulatedWalk, field_map: GridMap) -> None:
         """From a start three metres off: the map takes the error away, dead reckoning keeps it."""
         prior = Prior("sim", 2.0, 4.5, 3.0)

@@ -13,6 +13,7 @@ import pyarrow.parquet as pq
 from PIL import Image
 
 from app.engine.types import Float64Array, ImuSamples
+from app.evaluation.datasets.uji import COMPASS_PULL
 from tests.support.walks import Field, SimulatedWalk, walk_through
 
 START_MS = 1_580_793_774_861
@@ -125,7 +126,7 @@ def _uji_columns(r: Recording) -> dict[str, np.ndarray]:
     since = (r.samples.t - r.samples.t[0])[rows]
     heading = np.degrees(np.cumsum(r.samples.gyro[:, 2]) * 0.02) + _first_bearing(r)
     fresh = rows - 5 * (np.arange(len(rows)) % 2)  # every second row repeats
-    azimuth = (90.0 - heading[fresh] + 180.0) % 360.0 - 180.0
+    azimuth = (90.0 - heading[fresh] + _drawn(r, np.radians(heading))[fresh] + 180.0) % 360.0 - 180.0
     mag = r.samples.mag[fresh]
     azimuth[:2], mag[:2] = 0.0, 0.0
     linear = r.samples.acc[rows] - [0.0, 0.0, 9.81]
@@ -136,6 +137,17 @@ def _uji_columns(r: Recording) -> dict[str, np.ndarray]:
     columns |= {"azimuth": azimuth, "pitch": np.zeros(len(rows)), "roll": np.zeros(len(rows))}
     segment = np.clip(np.searchsorted(r.t, since, side="right") - 1, 0, len(r.t) - 2)
     return columns | {"x": xy[:, 0], "y": xy[:, 1], "segment": segment}
+
+
+def _drawn(r: Recording, heading: Float64Array) -> Float64Array:
+    """How far the phone's own filter has drawn its azimuth clockwise to the compass, shape (n,), degrees."""
+    mag, drawn = r.samples.mag, np.zeros(len(r.samples))
+    bearing = np.pi / 2 - heading
+    for i in range(1, len(drawn)):
+        azimuth = bearing[i] + drawn[i - 1]
+        east = np.cos(azimuth) * mag[i, 0] + np.sin(azimuth) * mag[i, 1]
+        drawn[i] = drawn[i - 1] - COMPASS_PULL * east * 0.02
+    return np.degrees(drawn)
 
 
 def _first_bearing(r: Recording) -> float:

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
+from app.engine.calibration import unknown_device
+from app.evaluation.datasets.uji import TRAIN, open_uji
 from app.evaluation.errors import DataSetError, OptionsError
-from app.evaluation.uji import UjiOptions, UjiReport, run_uji
+from app.evaluation.uji import UjiOptions, UjiReport, known_device, run_uji
 from tests.evaluation.fakes import FAKE_ENGINE
 from tests.evaluation.halls import laboratory, write_uji
 from tests.evaluation.test_run import CONTRACT, S_KEYS
@@ -56,6 +59,17 @@ def test_the_pose_is_the_first_leg(report: UjiReport) -> None:
     assert (prior.x, prior.y) == pytest.approx((2.0, 2.0), abs=0.1)
     assert prior.heading == pytest.approx(0.0, abs=0.05)
     assert report.cold.runs[0].result.prior.x is None
+
+
+def test_sessions_start_with_the_stride_of_the_survey(data: Path, report: UjiReport) -> None:
+    survey = [walk.survey_walk() for walk in open_uji(data).walks(*TRAIN)]
+    known = known_device(survey)
+    assert {run.result.prior.calibration for one in (report.pose, report.cold) for run in one.runs} == {known}
+    assert known.offset_sd == unknown_device().offset_sd
+    assert known.stride_scale_sd < 0.5 * unknown_device().stride_scale_sd
+    longer = [replace(walk, waypoints=replace(walk.waypoints, x=1.2 * walk.waypoints.x)) for walk in survey]
+    assert known_device(longer).stride_scale == pytest.approx(1.2 * known.stride_scale, rel=0.05)
+    assert known_device(survey[:0]) == unknown_device()
 
 
 def test_the_table(report: UjiReport) -> None:

@@ -11,11 +11,18 @@ from pathlib import Path
 
 import pytest
 
-from app.engine.calibration import next_epoch, next_session, remember, unknown_device
+from app.engine.calibration import (
+    next_epoch,
+    next_session,
+    remember,
+    remember_strides,
+    unknown_device,
+)
 from app.engine.types import DeviceCalibration, Prior
 from app.services.errors import InvalidError, NotFoundError
-from app.services.records import DeviceMemory, Job, Session
-from tests.support.builders import World, calibration, locate_result, new_segment
+from app.services.records import DeviceMemory, Job, JobKind, NewBuild, Session
+from app.services.tasks import BuildResult
+from tests.support.builders import World, calibration, locate_result, map_build, new_segment, new_walk
 
 
 class Phone:
@@ -50,6 +57,12 @@ class Phone:
         (job,) = self.send(session)
         self.learn(job, learned)
         return self.world.services.sessions.close(session.id)
+
+    def survey(self, *seeds: int, own: bool = True) -> list[str]:
+        """Walks of a survey of its level, by the phone or by nobody; their ids."""
+        survey = self.world.services.surveys.create(self.level_id, "survey")
+        walks = (replace(new_walk(seed=seed), device_id=self.id if own else None) for seed in seeds)
+        return [self.world.services.surveys.add_walk(survey.id, walk)[0].id for walk in walks]
 
     def memories(self) -> tuple[DeviceMemory, ...]:
         return tuple(self.world.services.devices.memories(self.id))
@@ -276,3 +289,55 @@ def test_closing_and_finishing_at_once_count_once(phone: Phone) -> None:
     assert errors == []
     (memory,) = phone.memories()
     assert memory.n_sessions == 2 * n_rounds
+
+
+def test_a_survey_teaches_the_stride_of_the_device_it_names(phone: Phone) -> None:
+    own, foreign = phone.survey(1, 2, 3), phone.survey(4, own=False)
+    strides = dict(zip(own, (1.2, 1.25, 1.22), strict=True)) | dict.fromkeys(foreign, 0.7)
+    phone.world.build(phone.level_id, strides=strides)
+    (memory,) = phone.memories()
+    assert (memory.epoch, memory.n_sessions) == ("", 0)
+    assert memory.calibration == remember_strides(unknown_device(), list(strides.values())[:3])
+    assert phone.open("any").prior.calibration == next_epoch(memory.calibration)
+
+
+def test_a_walk_teaches_with_the_first_map_it_goes_into(phone: Phone) -> None:
+    first = dict.fromkeys(phone.survey(1, 2), 1.2)
+    phone.world.build(phone.level_id, strides=first)
+    before = phone.memories()
+    phone.world.build(phone.level_id, strides=first)
+    assert phone.memories() == before
+    phone.world.build(phone.level_id, strides=first | dict.fromkeys(phone.survey(3), 1.3))
+    (memory,) = phone.memories()
+    assert memory.calibration == remember_strides(next_session(before[0].calibration), [1.3])
+
+
+def test_a_survey_leaves_the_hard_iron_of_the_epoch_as_it_was(phone: Phone) -> None:
+    phone.trip(calibration(6.0), "old")
+    phone.trip(calibration(-3.0), "new")
+    latest, older = phone.memories()
+    phone.world.build(phone.level_id, strides=dict.fromkeys(phone.survey(1), 1.3))
+    taught, untouched = phone.memories()
+    assert untouched == older
+    assert (taught.epoch, taught.n_sessions) == ("new", latest.n_sessions)
+    assert taught.calibration.offset == latest.calibration.offset
+    assert taught.calibration.offset_sd == latest.calibration.offset_sd
+    assert taught.calibration.stride_scale > latest.calibration.stride_scale
+
+
+def test_walks_that_tell_no_stride_or_are_gone_teach_nothing(phone: Phone) -> None:
+    (walk,) = phone.survey(1)
+    survey_id = phone.world.services.surveys.list(phone.level_id).items[0].id
+    phone.world.build(phone.level_id)
+    phone.world.services.surveys.delete_walk(survey_id, walk)
+    phone.world.build(phone.level_id, strides={walk: 1.3})
+    assert phone.memories() == ()
+
+
+def test_a_build_that_was_given_up_teaches_nothing(phone: Phone) -> None:
+    strides = dict.fromkeys(phone.survey(1), 1.3)
+    phone.world.services.maps.request_build(NewBuild(phone.level_id))
+    (job,) = phone.world.services.processing.claim(1, JobKind.BUILD_MAP)
+    phone.world.services.processing.fail(job, "lost")
+    phone.world.services.processing.complete_build(job, BuildResult(map_build(phone.level_id, strides=strides), 0.5), 1)
+    assert phone.memories() == ()

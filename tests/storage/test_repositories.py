@@ -87,7 +87,7 @@ def map_info(id_: str = "map_1", *, version: int = 1, content_hash: str = "0" * 
         length_scale_m=2.5,
         field_sd=(8.0, 7.0),
         walks=(
-            WalkReport("wlk_1", 12, 7.0, (0.1, 0.2, 0.3), 0.9),
+            WalkReport("wlk_1", 12, 7.0, (0.1, 0.2, 0.3), 0.9, stride_scale=1.08),
             WalkReport("wlk_2", 0, 0.0, (0.0, 0.0, 0.0), 0.0, "stood still"),
         ),
         build_s=1.25,
@@ -264,6 +264,16 @@ def test_walks(database: Database) -> None:
         assert [one.walk_id for one in uow.surveys.load_walks("lvl_1", ())] == ["wlk_2"]
 
 
+def test_devices_of_walks(database: Database) -> None:
+    write(database, add_survey, lambda uow: uow.devices.add(Device("dev_1", "phone", None, START)))
+    own = replace(walk("wlk_1", content_hash="a" * 64), device_id="dev_1")
+    write(database, lambda uow: uow.surveys.add_walk(own, new_walk()))
+    write(database, lambda uow: uow.surveys.add_walk(walk("wlk_2", content_hash="b" * 64), new_walk()))
+    with database() as uow:
+        assert uow.surveys.devices("lvl_1") == {"wlk_1": "dev_1"}
+        assert uow.surveys.devices("lvl_2") == {}
+
+
 def test_walks_of_some_surveys(database: Database) -> None:
     write(database, add_survey, lambda uow: uow.surveys.add(Survey("srv_2", "lvl_1", "second", 0, START)))
     for i, survey_id in enumerate(("srv_1", "srv_2", "srv_2")):
@@ -293,6 +303,7 @@ def test_maps_come_back_and_become_current(database: Database) -> None:
         assert uow.maps.pack(loaded).hash == info.hash
         assert uow.maps.next_version("lvl_1") == 2
         assert uow.maps.next_version("lvl_2") == 1
+        assert (uow.maps.paced_walks("lvl_1"), uow.maps.paced_walks("lvl_2")) == ({"wlk_1"}, set())
         assert uow.maps.list(level_id="lvl_1", cursor=None, limit=9) == Page((info,), None)
         assert uow.maps.list(level_id="lvl_2", cursor=None, limit=9) == Page((), None)
     np.testing.assert_array_equal(loaded.mean, expected.mean)

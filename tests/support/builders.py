@@ -243,11 +243,16 @@ def map_build(
     walk_ids: Sequence[str] = ("wlk_1", "wlk_2"),
     plan: bool = False,
     radio: RadioMap | None = None,
+    strides: Mapping[str, float] | None = None,
 ) -> MapBuild:
-    """A finished build whose last walk was rejected."""
+    """A finished build whose last walk was rejected; ``strides`` are the stride scales by walk, walks of their own."""
     reports = tuple(
         WalkReport(walk_id, 120, 80.0, (0.5, -1.0, 2.0), 0.9, "moved" if walk_id == walk_ids[-1] else None)
         for walk_id in walk_ids
+    )
+    reports += tuple(
+        WalkReport(walk_id, 120, 80.0, (0.5, -1.0, 2.0), 0.9, stride_scale=scale)
+        for walk_id, scale in (strides or {}).items()
     )
     built = grid_map(level_id, seed=seed, plan=plan, radio=radio)
     return MapBuild(built, reports, 12_345, 2.5, (8.0, 7.5), {"nugget": 0.5})
@@ -379,12 +384,14 @@ class World:
                 levels.append(self.services.venues.get_level(level.id))
         return venue_id, levels
 
-    def build(self, level_id: str, *, seed: int = 0, radio: RadioMap | None = None) -> Job:
+    def build(
+        self, level_id: str, *, seed: int = 0, radio: RadioMap | None = None, strides: Mapping[str, float] | None = None
+    ) -> Job:
         """Request a map and complete the job by hand."""
         requested = self.services.maps.request_build(NewBuild(level_id))
         (job,) = self.services.processing.claim(1, JobKind.BUILD_MAP)
         assert job.id == requested.id
-        build = map_build(level_id, seed=seed, radio=radio)
+        build = map_build(level_id, seed=seed, radio=radio, strides=strides)
         return self.services.processing.complete_build(job, BuildResult(build, 0.5), 0.6)
 
     def session(self, level_id: str | None = None) -> Session:

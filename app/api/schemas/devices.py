@@ -52,7 +52,9 @@ class DeviceCalibrationOut(CalibrationOut):
     model_config = example(_MEMORY)
 
     epoch: Annotated[str, Field(description="The sessions' `calibration_epoch`.")]
-    n_sessions: Annotated[int, Field(description="Closed sessions that taught something.")]
+    n_sessions: Annotated[
+        int, Field(description="Closed sessions that taught something; 0 where only survey walks did.")
+    ]
     updated_at: Time
 
     @classmethod

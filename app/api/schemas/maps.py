@@ -22,6 +22,7 @@ _REPORT = {
     "offset": [1.2, -0.4, 2.1],
     "residual_rms": 2.9,
     "rejected": None,
+    "stride_scale": 1.04,
 }
 _MAP = {
     "id": MAP_ID,
@@ -88,6 +89,9 @@ class WalkReportOut(Out):
     offset: Annotated[list[float], Field(description="Estimated field offset of the walk, body frame, uT.")]
     residual_rms: Annotated[float, Field(description="uT.")]
     rejected: Annotated[str | None, Field(description="Why the walk was left out, if it was.")]
+    stride_scale: Annotated[
+        float | None, Field(description="Stride of the walker over the model's; null if the walk does not tell.")
+    ]
 
     @classmethod
     def of(cls, report: WalkReport) -> Self:
@@ -99,6 +103,7 @@ class WalkReportOut(Out):
             offset=list(report.offset),
             residual_rms=report.residual_rms,
             rejected=report.rejected,
+            stride_scale=report.stride_scale,
         )
 
 

@@ -14,6 +14,8 @@ measures it. Two traps are minded:
 from __future__ import annotations
 
 import math
+import statistics
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from app.engine.types import DeviceCalibration
@@ -34,6 +36,8 @@ class MemoryLaw:
     offset_floor, stride_floor : float
         Neither a session nor the memory knows better than this: by so much sessions of one phone differ on recorded
         walks.
+    stride_walk : float
+        By so much single survey walks of one carrier differ: pace, and labels that are off.
     """
 
     offset_wide: float = 5.5
@@ -42,6 +46,7 @@ class MemoryLaw:
     stride_drift: float = 0.02
     offset_floor: float = 2.0
     stride_floor: float = 0.04
+    stride_walk: float = 0.1
 
 
 _LAW = MemoryLaw()
@@ -104,6 +109,27 @@ def remember(
     return DeviceCalibration((x, y, z), (sx, sy, sz), stride, stride_sd)
 
 
+def remember_strides(expected: DeviceCalibration, scales: Sequence[float], law: MemoryLaw = _LAW) -> DeviceCalibration:
+    """The memory after survey walks of the device: strides between known positions are measured, not inferred.
+
+    The hard iron stays as it was: survey walks name no calibration epoch.
+
+    Parameters
+    ----------
+    expected : DeviceCalibration
+        What was known before, drift included.
+    scales : sequence of float
+        Of each walk, stride over that of the stride model. Their median counts: a walk with a wrong label is no drama.
+    """
+    if not scales:
+        return expected
+    noise = max(law.stride_walk / math.sqrt(len(scales)), law.stride_floor)
+    stride, stride_sd = _update(
+        (expected.stride_scale, expected.stride_scale_sd), statistics.median(scales), noise, law.stride_floor
+    )
+    return DeviceCalibration(expected.offset, expected.offset_sd, stride, stride_sd)
+
+
 def _fuse(
     expected: tuple[float, float], before: tuple[float, float], after: tuple[float, float], floor: float
 ) -> tuple[float, float]:
@@ -114,6 +140,11 @@ def _fuse(
     if information <= 0.0:  # the session ended no wiser than it began
         return value, max(sd, floor)
     evidence = (after[0] * after_sd**-2 - before[0] * before[1] ** -2) / information
-    noise = max(information**-0.5, floor)
+    return _update(expected, evidence, max(information**-0.5, floor), floor)
+
+
+def _update(expected: tuple[float, float], evidence: float, noise: float, floor: float) -> tuple[float, float]:
+    """One value and its standard deviation after evidence with this noise; never surer than the floor."""
+    value, sd = expected
     gain = sd**2 / (sd**2 + noise**2)
     return value + gain * (evidence - value), max(sd * math.sqrt(1.0 - gain), floor)

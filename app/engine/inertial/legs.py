@@ -5,12 +5,17 @@ from __future__ import annotations
 import numpy as np
 
 from app.engine.inertial.attitude import LevelledSamples
-from app.engine.inertial.steps import Steps
+from app.engine.inertial.steps import SETTLE_S, Steps
+from app.engine.inertial.stride import step_durations, stride_length
 from app.engine.types import Float64Array, Waypoints
 
 _STEP_S = 0.8
 """A step's displacement happens within this time before it; a longer interval was a pause."""
 _MIN_STEPS = 2.0
+_SCALE_STEPS = 8
+"""Fewer steps say little of a stride: one more or less is an eighth."""
+_SCALE_RANGE = (0.5, 2.0)
+"""Beyond, labels or steps are wrong: nobody's stride is."""
 _DRIFT_S = 40.0
 """Time over which the heading offset of a walk may change: gyroscope drift and changes of carrying."""
 
@@ -50,6 +55,34 @@ def positions_by_steps(t: Float64Array, steps: Steps, waypoints: Waypoints) -> t
         x[inside] = waypoints.x[a] + f * (waypoints.x[a + 1] - waypoints.x[a])
         y[inside] = waypoints.y[a] + f * (waypoints.y[a + 1] - waypoints.y[a])
     return x, y
+
+
+def stride_scale(steps: Steps, end: float, waypoints: Waypoints) -> float | None:
+    """Walked distance over the modelled one, from the first to the last waypoint.
+
+    Parameters
+    ----------
+    steps : Steps
+        Of the whole walk.
+    end : float, s
+        Time of the last sample: steps of the last ``SETTLE_S`` before it are not found, and counted at the mean pace.
+    waypoints : Waypoints
+        The distance is that of the straight legs between them.
+
+    Returns
+    -------
+    float or None
+        None where too few steps lie between the waypoints, or the ratio cannot be a stride's.
+    """
+    begin, over = float(waypoints.t[0]), float(waypoints.t[-1])
+    inside = (steps.t > begin) & (steps.t <= over)
+    if int(inside.sum()) < _SCALE_STEPS:
+        return None
+    modelled = stride_length(steps.swing, step_durations(steps.t, -np.inf))[inside].sum()
+    seen = (min(over, end - SETTLE_S) - begin) / (over - begin)
+    walked = np.hypot(np.diff(waypoints.x), np.diff(waypoints.y)).sum()
+    scale = float(walked * seen / modelled)
+    return scale if _SCALE_RANGE[0] <= scale <= _SCALE_RANGE[1] else None
 
 
 def heading_offset(levelled: LevelledSamples, steps: Steps, waypoints: Waypoints) -> Float64Array:

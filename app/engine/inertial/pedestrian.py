@@ -13,7 +13,7 @@ from app.engine.inertial.counter import Pedometer
 from app.engine.inertial.disturbance import Calm, disturbed, shifts
 from app.engine.inertial.events import Moments, StepEvents
 from app.engine.inertial.steps import MEMORY_S, SETTLE_S, Steps, find_steps, settled_until
-from app.engine.inertial.stride import MEAN_SWING, weinberg
+from app.engine.inertial.stride import MEAN_STEP_S, MEAN_SWING, step_durations, stride_length
 from app.engine.inertial.wheels import Odometer
 from app.engine.types import Float64Array, ImuSamples, SpeedReadings, StepCounts
 
@@ -82,15 +82,17 @@ def advance(
     if state is not None:
         levelled = state.tail.then(levelled)
     until = settled_until(levelled.t)
-    found = find_steps(levelled.t, levelled.vertical, after=state.last_step_t if state else -np.inf)
-    walked, pedometer = _walked(found, (state.pedometer if state else Pedometer()).hear(steps), odometer, until)
+    last_step = state.last_step_t if state else -np.inf
+    found = find_steps(levelled.t, levelled.vertical, after=last_step)
+    pedometer = (state.pedometer if state else Pedometer()).hear(steps)
+    walked, pedometer = _walked(found, last_step, pedometer, odometer, until)
     odometer, driven = odometer.drive(levelled, until)
     last = state.last_event_t if state else -np.inf
     held, calm = (state.carrying, state.calm) if state else (None, None)
     events, held, calm = _read(levelled, walked.merged(driven), last, held, calm)
     after = PedestrianState(
         attitude=attitude,
-        last_step_t=float(found.t[-1]) if len(found) else state.last_step_t if state else -np.inf,
+        last_step_t=float(found.t[-1]) if len(found) else last_step,
         last_event_t=float(events.t[-1]) if len(events) else last,
         tail=levelled.since(levelled.t[-1] - _KEEP_S),
         carrying=held,
@@ -107,20 +109,28 @@ def gap_before(state: PedestrianState, samples: ImuSamples) -> float:
     return gap if gap > MAX_GAP_S else 0.0
 
 
-def _walked(found: Steps, pedometer: Pedometer, odometer: Odometer, until: float) -> tuple[Moments, Pedometer]:
-    """Steps detected, or counted where the detector missed many; none where wheels tell the way."""
+def _walked(
+    found: Steps, last: float, pedometer: Pedometer, odometer: Odometer, until: float
+) -> tuple[Moments, Pedometer]:
+    """Steps detected, or counted where the detector missed many; none where wheels tell the way.
+
+    ``last`` (s) is the time of the step before.
+    """
+    stride = stride_length(found.swing, step_durations(found.t, last))
     on_foot = ~odometer.speed(found.t)[1]
     if odometer.speed(np.array([until]))[1].any():
         counted, pedometer = np.empty(0), Pedometer(until=until)
     else:
         pedometer, kept, counted = pedometer.compare(found.t[on_foot], until)
         on_foot[on_foot] = kept
-    detected = _steps(found.t[on_foot], found.swing[on_foot])
-    return detected.merged(_steps(counted, np.full(counted.shape, MEAN_SWING))), pedometer
+    detected = _steps(found.t[on_foot], found.swing[on_foot], stride[on_foot])
+    swing = np.full(counted.shape, MEAN_SWING)
+    usual = stride_length(swing, np.full(counted.shape, MEAN_STEP_S))
+    return detected.merged(_steps(counted, swing, usual)), pedometer
 
 
-def _steps(t: Float64Array, swing: Float64Array) -> Moments:
-    return Moments(t, swing, weinberg(swing), np.zeros(t.shape, dtype=bool), np.full(t.shape, np.nan))
+def _steps(t: Float64Array, swing: Float64Array, stride: Float64Array) -> Moments:
+    return Moments(t, swing, stride, np.zeros(t.shape, dtype=bool), np.full(t.shape, np.nan))
 
 
 def _read(

@@ -8,7 +8,7 @@ import numpy as np
 
 from app.engine.errors import StateError
 from app.engine.inertial import PedestrianState, StepEvents, advance, gap_before, settled_until
-from app.engine.inertial.stride import SPREAD, WEINBERG, weinberg
+from app.engine.inertial.stride import BOUNCE, SPREAD
 from app.engine.localization import codec
 from app.engine.localization.initial import WALKING_M_S
 from app.engine.types import (
@@ -36,10 +36,10 @@ class DeadReckoningParameters:
     Attributes
     ----------
     stride_constant : float
-        Weinberg constant, m / (m/s^2)^(1/4).
+        Constant of the stride model, m^(3/4) (see :func:`app.engine.inertial.stride.stride_length`).
     """
 
-    stride_constant: float = WEINBERG
+    stride_constant: float = BOUNCE
 
 
 @dataclass(slots=True)
@@ -57,7 +57,10 @@ class _Track:
 
 
 class DeadReckoningTracker:
-    """Position from the prior, heading from the first field reading against the level's mean field, then steps."""
+    """Position from the prior, heading from the first field reading against the level's mean field, then steps.
+
+    Strides are the model's, times what the prior knows of the carrier's.
+    """
 
     method = "dead_reckoning"
 
@@ -97,8 +100,9 @@ class DeadReckoningTracker:
         return None
 
     def _walk(self, track: _Track, prior: Prior, level_id: str, events: StepEvents, i: int) -> Fix:
-        modelled = weinberg(events.swing[i : i + 1], self.parameters.stride_constant)[0]
-        stride = float(events.stride[i] if events.measured[i] else modelled)
+        known = 1.0 if prior.calibration is None else prior.calibration.stride_scale
+        scale = 1.0 if events.measured[i] else known * self.parameters.stride_constant / BOUNCE
+        stride = scale * float(events.stride[i])
         track.heading = float(events.motion_heading[i]) + track.offset
         track.x += stride * float(np.cos(track.heading))
         track.y += stride * float(np.sin(track.heading))

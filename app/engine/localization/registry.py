@@ -72,7 +72,7 @@ _METHODS = (
         needs_odometry=False,
         dimensions=2,
         parameters=DeadReckoningParameters,
-        bounds=MappingProxyType({"stride_constant": Bound(0.2, 0.8)}),
+        bounds=MappingProxyType({"stride_constant": Bound(0.3, 1.1)}),
         create=DeadReckoningTracker,
     ),
 )

@@ -192,5 +192,6 @@ def _reports(
             length_m=float(np.hypot(*np.diff(walk.xy, axis=0).T).sum()),
             offset=tuple(float(v) for v in offsets.hard_iron[i]),
             residual_rms=float(np.sqrt((own**2).mean())),
+            stride_scale=walk.stride_scale,
         )
     return tuple(by_id[walk.walk_id] for walk in walks)

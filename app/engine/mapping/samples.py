@@ -8,7 +8,7 @@ import numpy as np
 
 from app.engine.errors import InputError
 from app.engine.inertial import find_steps, level_samples, window_means
-from app.engine.inertial.legs import heading_offset, positions_by_steps
+from app.engine.inertial.legs import heading_offset, positions_by_steps, stride_scale
 from app.engine.types import Float64Array, SurveyWalk
 
 WINDOW_S = 0.16
@@ -31,6 +31,8 @@ class PlacedSamples:
         surveyor said. How the device was held adds to it.
     mag : array, shape (n, 3), uT
         Forward, left, up of the device.
+    stride_scale : float or None
+        The walker's stride over the stride model's; None where the walk does not tell.
     """
 
     walk_id: str
@@ -38,6 +40,7 @@ class PlacedSamples:
     xy: Float64Array
     heading: Float64Array
     mag: Float64Array
+    stride_scale: float | None = None
 
     def __len__(self) -> int:
         return int(self.t.shape[0])
@@ -72,7 +75,8 @@ def place_samples(walk: SurveyWalk) -> PlacedSamples:
         placed = levelled.heading + _offset_to(walk.device_heading, np.interp(t, levelled.t, levelled.heading))
     heading = np.interp(t, levelled.t, placed)
     mag = window_means(levelled.t, levelled.mag, t - WINDOW_S, t + WINDOW_S)
-    return PlacedSamples(walk.walk_id, t, np.stack([x, y], axis=1), heading, mag)
+    scale = stride_scale(steps, float(levelled.t[-1]), waypoints)
+    return PlacedSamples(walk.walk_id, t, np.stack([x, y], axis=1), heading, mag, scale)
 
 
 def _offset_to(device_heading: float, free: Float64Array) -> float:

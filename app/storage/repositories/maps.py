@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Set as AbstractSet
 from dataclasses import asdict
 from typing import Any
 
@@ -75,6 +76,11 @@ class SqlMapRepository(Repository):
         """Number of the level's next version; the first is 1."""
         newest = self._read(select(func.max(maps.c.version)).where(maps.c.level_id == level_id)).scalar()
         return 1 if newest is None else newest + 1
+
+    def paced_walks(self, level_id: str) -> AbstractSet[str]:
+        """Ids of the walks whose stride the reports of the level's maps tell."""
+        reports = self._read(select(maps.c.walks).where(maps.c.level_id == level_id)).scalars()
+        return {walk["walk_id"] for walks in reports for walk in walks if walk.get("stride_scale") is not None}
 
     def load(self, map_id: str) -> GridMap:
         """Assemble a map from its tiles and its radio layer."""

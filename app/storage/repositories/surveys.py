@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from sqlalchemy import Row, Select, delete, func, insert, select
@@ -96,6 +96,11 @@ class SqlSurveyRepository(Repository):
     def count_walks(self, level_id: str, survey_ids: Sequence[str]) -> int:
         """How many walks a build from these surveys would read."""
         return int(self._read(_of_level(select(func.count()), level_id, survey_ids)).scalar_one())
+
+    def devices(self, level_id: str) -> Mapping[str, str]:
+        """The device of each of the level's walks that name one, by walk id."""
+        statement = _of_level(select(walks.c.id, walks.c.device_id), level_id, ())
+        return {row.id: row.device_id for row in self._read(statement.where(walks.c.device_id.is_not(None)))}
 
     def load_walks(self, level_id: str, survey_ids: Sequence[str]) -> Sequence[SurveyWalk]:
         """Samples of all walks of the level (of these surveys only, when any are named), oldest first."""

@@ -186,6 +186,7 @@ class WalkReport(Model):
     offset: tuple[float, ...]
     residual_rms: float
     rejected: str | None = None
+    stride_scale: float | None = None
 
 
 class MapInfo(Model):
