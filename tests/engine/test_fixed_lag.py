@@ -10,11 +10,11 @@ import pytest
 
 from app.engine.localization import create_tracker
 from app.engine.localization.integrity import CHI2_95, IntegrityPolicy
-from app.engine.localization.look_back import LAG_S
+from app.engine.localization.look_back import LAG_S, LookBack
 from app.engine.localization.particle import ParticleTracker
 from app.engine.localization.session import SessionState
 from app.engine.localization.smoothing import smooth_session
-from app.engine.types import Answer, Fix, FixKind, Float64Array, GridMap, IntArray, Prior, Segment, Tracker
+from app.engine.types import Answer, Fix, FixKind, Float64Array, GridMap, IntArray, Prior, Segment, Status, Tracker
 from tests.engine.conftest import CORNERS, OneMap
 from tests.engine.test_climbing import MAPS, trip
 from tests.support.motion import chained, standing
@@ -179,7 +179,7 @@ class TestStream:
             fix.t for fix in steps(given) if fix.t > given[-1].fixes[-1].t - LAG_S
         ]
         # a particle's line at a step: two int16
-        assert {(step.lines.shape, step.lines.dtype.str) for step in open_steps} == {((2, 2000), "<i2")}
+        assert {(step.lines.shape, step.lines.dtype.str) for step in open_steps} == {((2000, 2), "<i2")}
 
 
 class TestEnds:
@@ -253,3 +253,18 @@ class _Levels:
 def test_a_smoothed_track_says_so(walk: SimulatedWalk, field_map: GridMap) -> None:
     fixes = smooth_session(ParticleTracker(), PRIOR, segments_of(walk)[:3], OneMap(field_map), seed=1)
     assert {fix.kind for fix in fixes} == {FixKind.SMOOTHED}
+
+
+@pytest.mark.parametrize("found", [False, True])
+def test_that_the_place_was_found_later_counts_for_the_steps_before(
+    walk: SimulatedWalk, field_map: GridMap, found: bool
+) -> None:
+    given = answers(ParticleTracker(), segments_of(walk)[:3], field_map)
+    session = SessionState.decode(given[-1].state.payload)
+    track = session.track
+    assert track is not None
+    steps_then = [replace(step, integrity=replace(step.integrity, settled=False)) for step in session.open_steps]
+    track.integrity = replace(track.integrity, settled=found)
+    end = replace(given[-1].fixes[-1], t=given[-1].fixes[-1].t + LAG_S)
+    told = LookBack(steps_then, track, IntegrityPolicy()).take(track, end, None)
+    assert {fix.status for fix in told} == {Status.OK if found else Status.INSUFFICIENT}

@@ -17,22 +17,13 @@ def record(x, y, x0, y0, xy):
     ----------
     x, y : (n,) float32, m
     x0, y0 : reference, m
-    xy : (2, n) int16 output, cm; what is farther off than ``REACH_CM`` is put there
+    xy : (n, 2) int16 output, cm; what is farther off than ``REACH_CM`` is put there
     """
     hundred, reach = np.float32(100.0), np.float32(REACH_CM)
     rx, ry = np.float32(x0), np.float32(y0)
     for i in range(x.shape[0]):
-        xy[0, i] = np.int16(np.rint(min(max((x[i] - rx) * hundred, -reach), reach)))
-        xy[1, i] = np.int16(np.rint(min(max((y[i] - ry) * hundred, -reach), reach)))
-
-
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
-def follow(xy, ancestor, out):
-    """Lines after resampling: particle ``i`` of now goes on from particle ``ancestor[i]``; all (2, n) or (n,)."""
-    for i in range(ancestor.shape[0]):
-        k = ancestor[i]
-        out[0, i] = xy[0, k]
-        out[1, i] = xy[1, k]
+        xy[i, 0] = np.int16(np.rint(min(max((x[i] - rx) * hundred, -reach), reach)))
+        xy[i, 1] = np.int16(np.rint(min(max((y[i] - ry) * hundred, -reach), reach)))
 
 
 @njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
@@ -41,13 +32,13 @@ def moments(xy, w, est):
 
     Parameters
     ----------
-    xy : (2, n) int16, cm from the reference
+    xy : (n, 2) int16, cm from the reference
     w : (n,) float32, weights of the particles of now, of any sum above zero
     est : (5,) output: mean x, y (m from the reference), then covariance xx, xy, yy (m^2)
     """
     total = sx = sy = sxx = sxy = syy = 0.0
     for i in range(w.shape[0]):
-        x, y = 0.01 * np.float64(xy[0, i]), 0.01 * np.float64(xy[1, i])
+        x, y = 0.01 * np.float64(xy[i, 0]), 0.01 * np.float64(xy[i, 1])
         v = np.float64(w[i])
         total += v
         sx += v * x

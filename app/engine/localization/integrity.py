@@ -117,9 +117,11 @@ class Integrity:
         )
 
 
-def calibrate(estimate: Estimate | Mode, policy: IntegrityPolicy, factor: float = 1.0) -> tuple[float, float, float]:
-    """Covariance (xx, xy, yy) that a fix claims, m^2; ``factor`` beside the policy's own."""
-    scale, floor = factor * policy.covariance_scale, factor * policy.covariance_floor
+def calibrate(
+    estimate: Estimate | Mode, policy: IntegrityPolicy, factor: float = 1.0, *, widen: float = 1.0
+) -> tuple[float, float, float]:
+    """Covariance (xx, xy, yy) that a fix claims, m^2; ``factor`` multiplies the policy's, ``widen`` its scale only."""
+    scale, floor = widen * factor * policy.covariance_scale, factor * policy.covariance_floor
     return scale * estimate.cov_xx + floor, scale * estimate.cov_xy, scale * estimate.cov_yy + floor
 
 
@@ -164,10 +166,8 @@ def tell(
 ) -> Fix:
     """Fix of a step at ``t`` while the place is known; ``estimate`` and ``integrity`` are the step's."""
     verdict = judge(estimate, integrity, policy)
-    if kind is not FixKind.FILTERED:
-        scale = policy.lagged_scale if kind is FixKind.FIXED_LAG else policy.smoothed_scale
-        policy = replace(policy, covariance_scale=scale * policy.covariance_scale)
-    cov_xx, cov_xy, cov_yy = calibrate(estimate, policy)
+    widen = {FixKind.FILTERED: 1.0, FixKind.FIXED_LAG: policy.lagged_scale, FixKind.SMOOTHED: policy.smoothed_scale}
+    cov_xx, cov_xy, cov_yy = calibrate(estimate, policy, widen=widen[kind])
     return Fix(
         t=t,
         level_id=level_id,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
@@ -14,7 +14,7 @@ from app.engine.localization.integrity import Integrity
 from app.engine.types import Fix, Float32Array, Int16Array, IntArray
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class OpenStep:
     """A step that is to be told once more.
 
@@ -26,7 +26,7 @@ class OpenStep:
         As they were told in the moment (m, m, rad; level frame).
     integrity : Integrity
         As it was then.
-    lines : array, shape (2, n), int16, cm from ``(x, y)``
+    lines : array, shape (n, 2), int16, cm from ``(x, y)``
         Where each of the ``n`` particles of now, or its ancestor, was.
     """
 
@@ -41,15 +41,13 @@ class OpenStep:
     @classmethod
     def of(cls, fix: Fix, integrity: Integrity, particles: Cloud) -> OpenStep:
         """The step of ``fix``, with the particles that it was estimated from."""
-        lines = np.empty((2, particles.n), dtype=np.int16)
+        lines = np.empty((particles.n, 2), dtype=np.int16)
         kernel.record(particles.p[0], particles.p[1], fix.x, fix.y, lines)
         return cls(fix.t, fix.level_id, fix.x, fix.y, fix.heading, integrity, lines)
 
-    def resampled(self, ancestors: IntArray) -> OpenStep:
-        """After resampling; particle ``i`` of now was particle ``ancestors[i]``, shape (n,)."""
-        lines = np.empty_like(self.lines)
-        kernel.follow(self.lines, ancestors, lines)
-        return replace(self, lines=lines)
+    def resample(self, ancestors: IntArray) -> None:
+        """Particle ``i`` of now was particle ``ancestors[i]``, shape (n,)."""
+        self.lines = self.lines.take(ancestors, axis=0)
 
     def estimate(self, weights: Float32Array) -> Estimate:
         """Moments of the lines under the weights of the particles of now, shape (n,)."""

@@ -59,23 +59,19 @@ class LookBack:
         self.steps += (OpenStep.of(fix, track.integrity, moved.weighted),)
         told = self._tell(fix.t - LAG_S, track, moved.weighted)  # resampling adds nothing but noise: before it
         if moved.ancestors is not None:
-            ancestors = moved.ancestors
-            self.steps = tuple(step.resampled(ancestors) for step in self.steps)
+            for step in self.steps:
+                step.resample(moved.ancestors)
         return ended + told
 
     def _tell(self, until: float, track: Track, particles: Cloud) -> tuple[Fix, ...]:
         """Tell the steps up to the time ``until``, which are then no longer open."""
         n = sum(step.t <= until for step in self.steps)
         told, self.steps = self.steps[:n], self.steps[n:]
-        return tuple(
-            tell(
-                step.t,
-                step.level_id,
-                step.estimate(particles.p[14]),
-                # what lay about the step then; that the place was found later counts for it
-                replace(step.integrity, settled=track.integrity.settled),
-                self._policy,
-                kind=FixKind.FIXED_LAG,
-            )
-            for step in told
-        )
+        return tuple(self._fix(step, track, particles) for step in told)
+
+    def _fix(self, step: OpenStep, track: Track, particles: Cloud) -> Fix:
+        integrity = step.integrity  # what lay about the step then; that the place was found later counts for it
+        if not integrity.settled:
+            integrity = replace(integrity, settled=track.integrity.settled)
+        estimate = step.estimate(particles.p[14])
+        return tell(step.t, step.level_id, estimate, integrity, self._policy, kind=FixKind.FIXED_LAG)

@@ -36,8 +36,8 @@ def warm_up() -> None:
     for name in METHODS:
         tracker = create_tracker(name)
         _, fixes = tracker.step(tracker.start(Prior("warm", 5.0, 5.0), seed=0), segment, source)
-    few = Cloud.empty(2)  # a short walk neither resamples nor looks back
-    OpenStep.of(fixes[0], Integrity(), few).resampled(np.arange(2)).estimate(few.p[14])
+    few = Cloud.empty(2)  # a short walk does not look back
+    OpenStep.of(fixes[0], Integrity(), few).estimate(few.p[14])
     samples = FieldSamples(np.zeros((1, 2)), np.zeros(1, dtype=np.int64), np.zeros((1, 3)))
     krige(samples, FieldLevel(np.zeros(3), np.ones(3)), Covariance(), np.zeros((1, 2)))
     for memory_mapped in (False, True):
