@@ -31,6 +31,7 @@ def _feature(position: Position, plane: TangentPlane) -> dict[str, Any]:
         "properties": {
             "seq": position.seq,
             "t_ms": t_ms(fix),
+            "kind": fix.kind.value,
             "level_id": fix.level_id,
             "x": fix.x,
             "y": fix.y,

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from app.engine.types import Fix, Float64Array, ImuSamples, Prior, RadioScans, Segment, Status, Waypoints
+from app.engine.types import Fix, FixKind, Float64Array, ImuSamples, Prior, RadioScans, Segment, Status, Waypoints
 
 if TYPE_CHECKING:
     import isodyn_client as isodyn
@@ -93,6 +93,7 @@ def fixes_from(fixes: isodyn.Fixes) -> tuple[Fix, ...]:
             quality=float(fixes.quality[i]),
             sure=bool(fixes.sure[i]),
             walk_on_m=None if math.isnan(fixes.walk_on_m[i]) else float(fixes.walk_on_m[i]),
+            kind=FixKind(fixes.kind[i].value),
         )
         for i in range(len(fixes))
     )

@@ -128,6 +128,7 @@ def _columns(fixes: isodyn.Fixes) -> dict[str, list[Any]]:
     walk_on = [None if value != value else value for value in fixes.walk_on_m.tolist()]  # noqa: PLR0124  # NaN
     return {
         **columns,
+        "kind": [k.value for k in fixes.kind],
         "status": [s.value for s in fixes.status],
         "walk_on_m": walk_on,
         "level_id": list(fixes.level_id),

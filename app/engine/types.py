@@ -54,6 +54,19 @@ class Status(StrEnum):
     DISTURBED = "disturbed"
 
 
+class FixKind(StrEnum):
+    """Which samples a fix rests on, seen from its time.
+
+    * ``filtered``: those up to its time (and the few tenths of a second that confirm a step); the answer of the moment.
+    * ``fixed_lag``: also those of about five seconds after it; told that much later.
+    * ``smoothed``: all of the session, before and after; for afterwards.
+    """
+
+    FILTERED = "filtered"
+    FIXED_LAG = "fixed_lag"
+    SMOOTHED = "smoothed"
+
+
 @dataclass(frozen=True, slots=True)
 class ImuSamples:
     """Magnetometer and inertial samples on one time base.
@@ -188,6 +201,7 @@ class SurveyWalk:
 
 
 Int8Array = NDArray[np.int8]
+Int16Array = NDArray[np.int16]
 UInt8Array = NDArray[np.uint8]
 
 
@@ -362,7 +376,7 @@ class Fix:
     Attributes
     ----------
     t : float, s
-        UTC seconds. A fix uses samples up to ``t`` (and the few tenths of a second after it that
+        UTC seconds. A ``filtered`` fix uses samples up to ``t`` (and the few tenths of a second after it that
         confirm a step), never later ones.
     level_id : str
     x, y : float, m, level frame
@@ -379,6 +393,8 @@ class Fix:
     hypotheses : tuple of Hypothesis
         While several places fit, the heaviest of them, heaviest first; given with the last fix of a segment. ``x`` and
         ``y`` are then the first one's, and the covariance is that of *all* places about it.
+    kind : FixKind
+        Which samples it rests on.
     """
 
     t: float
@@ -394,6 +410,7 @@ class Fix:
     sure: bool
     walk_on_m: float | None = None
     hypotheses: tuple[Hypothesis, ...] = ()
+    kind: FixKind = FixKind.FILTERED
 
 
 @dataclass(frozen=True, slots=True)
@@ -406,6 +423,26 @@ class TrackerState:
     method: str
     payload: bytes
     last_t: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """What a tracker makes of a segment.
+
+    Attributes
+    ----------
+    state : TrackerState
+        After the segment.
+    fixes : tuple of Fix
+        ``filtered``, in time order: those of :meth:`Tracker.step`.
+    lagged : tuple of Fix
+        ``fixed_lag``, in time order, within a segment and from one to the next: earlier steps, each told once and at
+        most, now that more is known of them. Empty for methods that look back on nothing.
+    """
+
+    state: TrackerState
+    fixes: tuple[Fix, ...]
+    lagged: tuple[Fix, ...] = ()
 
 
 class Tracker(Protocol):
@@ -428,6 +465,10 @@ class Tracker(Protocol):
         Fixes are in time order, within a segment and from one to the next. A step takes its peak and 0.3 s to be
         confirmed, so the last fix lies that much before the segment's end.
         """
+        ...
+
+    def answer(self, state: TrackerState, segment: Segment, map_source: MapSource) -> Answer:
+        """Advance like :meth:`step`, to the same state and fixes, and also look back."""
         ...
 
     def learned(self, state: TrackerState) -> DeviceCalibration | None:

@@ -64,7 +64,10 @@ class LocateService(Service):
             segment=segment,
             maps=self._refs.refs(place.maps),
         )
-        return Located(fixes=self._run(spec).fixes, level_id=place.level_id, maps=place.maps, method=method)
+        result = self._run(spec)
+        return Located(
+            fixes=result.fixes, lagged=result.lagged, level_id=place.level_id, maps=place.maps, method=method
+        )
 
     def _run(self, spec: LocateSpec) -> LocateResult:
         affinity = spec.maps[0].hash

@@ -12,7 +12,7 @@ from contextlib import AbstractContextManager
 from datetime import datetime
 from typing import Protocol, TypeVar
 
-from app.engine.types import DeviceCalibration, Fix, GridMap, Progress, SurveyWalk, TrackerState
+from app.engine.types import DeviceCalibration, Fix, FixKind, GridMap, Progress, SurveyWalk, TrackerState
 from app.services.aids import Recording
 from app.services.records import (
     Anchor,
@@ -32,6 +32,7 @@ from app.services.records import (
     Page,
     Position,
     SegmentInfo,
+    SegmentResult,
     Session,
     SessionStatus,
     Stats,
@@ -181,6 +182,10 @@ class SessionRepository(Protocol):
         ...
 
     def get_segment(self, session_id: str, seq: int) -> SegmentInfo: ...
+    def get_result(self, session_id: str, seq: int) -> SegmentResult:
+        """A segment with all of its fixes."""
+        ...
+
     def list_segments(self, session_id: str, *, cursor: str | None, limit: int) -> Page[SegmentInfo]: ...
     def last_segment(self, session_id: str) -> SegmentInfo | None: ...
     def load_segment(self, session_id: str, seq: int) -> Recording: ...
@@ -205,17 +210,26 @@ class SessionRepository(Protocol):
         fixes: Sequence[Fix],
         now: datetime,
         *,
+        lagged: Sequence[Fix] = (),
         calibration: DeviceCalibration | None = None,
     ) -> SessionStatus:
-        """Store new state, fixes and calibration (None: it stays), and mark the segment processed.
+        """Store new state, fixes of both kinds and calibration (None: it stays), and mark the segment processed.
 
         Returns whether the session is open still; until the transaction ends nobody else changes that.
         """
         ...
 
     def record_failure(self, session_id: str, seq: int, error: str, now: datetime) -> None: ...
-    def list_positions(self, session_id: str, *, seq: int | None, cursor: str | None, limit: int) -> Page[Position]:
-        """Fixes in time order; the cursor is the ``number`` of the last one seen."""
+    def list_positions(
+        self,
+        session_id: str,
+        *,
+        seq: int | None,
+        cursor: str | None,
+        limit: int,
+        kind: FixKind = FixKind.FILTERED,
+    ) -> Page[Position]:
+        """Fixes of a kind that is stored, in time order; the cursor is the ``number`` of the last one seen."""
         ...
 
 

@@ -81,7 +81,7 @@ class ProcessingService(Service):
 
         A result with a value that is not finite fails the job: nobody could use it, and it must not stop the queue.
         """
-        if not all(map(_is_finite, result.fixes)):
+        if not all(map(_is_finite, (*result.fixes, *result.lagged))):
             return self.fail(job, "the method answered with a position that is not finite")
         session_id, seq = _segment_of(job)
         now = self._clock()
@@ -90,7 +90,13 @@ class ProcessingService(Service):
             if not uow.jobs.finish(job.id, JobState.DONE, now, result=outcome, attempts=job.attempts):
                 return None
             status = uow.sessions.record_result(
-                session_id, seq, result.state, result.fixes, now, calibration=_usable(result.calibration)
+                session_id,
+                seq,
+                result.state,
+                result.fixes,
+                now,
+                lagged=result.lagged,
+                calibration=_usable(result.calibration),
             )
             if status is SessionStatus.CLOSED:
                 remember_if_over(uow, session_id, now)

@@ -275,6 +275,15 @@ class SegmentInfo:
 
 
 @dataclass(frozen=True, slots=True)
+class SegmentResult:
+    """A segment and what came of it: its fixes, and fixed-lag fixes of steps that lie some seconds back."""
+
+    segment: SegmentInfo
+    fixes: tuple[Fix, ...]
+    lagged: tuple[Fix, ...]
+
+
+@dataclass(frozen=True, slots=True)
 class Accepted:
     """Answer to an accepted segment; ``repeated`` if the same ``seq`` and content came before."""
 
@@ -285,7 +294,7 @@ class Accepted:
 
 @dataclass(frozen=True, slots=True)
 class Position:
-    """A fix as stored: with the segment that gave it and its number in the session."""
+    """A fix as stored: with the segment whose answer told it and its number among those of its kind in the session."""
 
     session_id: str
     number: int
@@ -309,6 +318,7 @@ class Located:
     """Result of a one-shot location."""
 
     fixes: tuple[Fix, ...]
+    lagged: tuple[Fix, ...]
     level_id: str | None
     maps: tuple[LevelMap, ...]
     method: str

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from datetime import datetime
 
-from app.engine.types import Prior
+from app.engine.types import FixKind, Prior
 from app.services.aids import Recording
 from app.services.base import DEFAULT_LIMIT, Service, check_limit, check_number_cursor
 from app.services.clock import Clock
@@ -32,6 +32,7 @@ from app.services.records import (
     Page,
     Position,
     SegmentInfo,
+    SegmentResult,
     Session,
     SessionStatus,
 )
@@ -164,6 +165,11 @@ class SessionService(Service):
         with self._uow() as uow:
             return uow.sessions.get_segment(session_id, seq)
 
+    def result(self, session_id: str, seq: int) -> SegmentResult:
+        """One segment with its fixes."""
+        with self._uow() as uow:
+            return uow.sessions.get_result(session_id, seq)
+
     def segments(self, session_id: str, cursor: str | None = None, limit: int = DEFAULT_LIMIT) -> Page[SegmentInfo]:
         """Segments of a session, oldest first; the cursor is the last ``seq`` seen."""
         with self._uow() as uow:
@@ -171,13 +177,21 @@ class SessionService(Service):
             return uow.sessions.list_segments(session_id, cursor=check_number_cursor(cursor), limit=check_limit(limit))
 
     def positions(
-        self, session_id: str, seq: int | None = None, cursor: str | None = None, limit: int = DEFAULT_LIMIT
+        self,
+        session_id: str,
+        seq: int | None = None,
+        cursor: str | None = None,
+        limit: int = DEFAULT_LIMIT,
+        *,
+        kind: FixKind = FixKind.FILTERED,
     ) -> Page[Position]:
-        """Fixes of a session (of one segment, if named) in time order; the cursor is the last number seen."""
+        """Fixes of a session (told with one segment, if named) in time order; the cursor is the last number seen."""
+        if kind is FixKind.SMOOTHED:
+            raise InvalidError("kind", "smoothed positions are not stored", "ask for the trajectory of the session")
         with self._uow() as uow:
             uow.sessions.get(session_id)
             return uow.sessions.list_positions(
-                session_id, seq=seq, cursor=check_number_cursor(cursor), limit=check_limit(limit)
+                session_id, seq=seq, cursor=check_number_cursor(cursor), limit=check_limit(limit), kind=kind
             )
 
 

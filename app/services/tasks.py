@@ -48,12 +48,14 @@ class LocateSpec:
 
 @dataclass(frozen=True, slots=True)
 class LocateResult:
-    """New tracker state, the fixes of the segment, and what the session has learned about its device so far."""
+    """New tracker state, the fixes of the segment, what the session has learned about its device so far, and the
+    fixed-lag fixes of earlier steps."""
 
     state: TrackerState
     fixes: tuple[Fix, ...]
     cpu_s: float
     calibration: DeviceCalibration | None = None
+    lagged: tuple[Fix, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

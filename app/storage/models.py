@@ -323,9 +323,11 @@ segments = Table(
     _double("t_end"),
     _reference("job_id", "jobs.id"),
     Column("error", Text, nullable=True),
-    # fixes of one segment are numbered without gaps, so two numbers replace an index on fixes
+    # fixes of one segment are numbered without gaps, so two numbers replace an index on fixes; so are fixed-lag ones
     Column("first_fix", Integer, nullable=True),
     Column("n_fixes", Integer, nullable=True),
+    Column("first_lagged", Integer, nullable=True),
+    Column("n_lagged", Integer, nullable=True),
     _time("received_at"),
     _time("processed_at", nullable=True),
     sqlite_with_rowid=False,
@@ -346,27 +348,34 @@ segment_samples = Table(
     ForeignKeyConstraint(["session_id", "seq"], ["segments.session_id", "segments.seq"]),
 )
 
-fixes = Table(
-    "fixes",
-    metadata,
-    Column("session_id", ID, ForeignKey("sessions.id"), primary_key=True),
-    Column("number", Integer, primary_key=True, autoincrement=False),
-    Column("seq", Integer, nullable=False),
-    _double("t"),
-    Column("level_id", ID, nullable=False),
-    _double("x"),
-    _double("y"),
-    _double("cov_xx"),
-    _double("cov_xy"),
-    _double("cov_yy"),
-    _double("heading"),
-    Column("status", String(16), nullable=False),
-    _double("quality"),
-    Column("sure", Boolean, nullable=False),
-    _double("walk_on_m", nullable=True),
-    Column("hypotheses", JSON, nullable=True),
-    sqlite_with_rowid=False,
-)
+
+def _fixes(name: str) -> Table:
+    """Fixes of one kind; each kind counts for itself."""
+    return Table(
+        name,
+        metadata,
+        Column("session_id", ID, ForeignKey("sessions.id"), primary_key=True),
+        Column("number", Integer, primary_key=True, autoincrement=False),
+        Column("seq", Integer, nullable=False),
+        _double("t"),
+        Column("level_id", ID, nullable=False),
+        _double("x"),
+        _double("y"),
+        _double("cov_xx"),
+        _double("cov_xy"),
+        _double("cov_yy"),
+        _double("heading"),
+        Column("status", String(16), nullable=False),
+        _double("quality"),
+        Column("sure", Boolean, nullable=False),
+        _double("walk_on_m", nullable=True),
+        Column("hypotheses", JSON, nullable=True),
+        sqlite_with_rowid=False,
+    )
+
+
+fixes = _fixes("fixes")
+lagged_fixes = _fixes("lagged_fixes")
 
 api_keys = Table(
     "api_keys",

@@ -82,9 +82,10 @@ class LocateSegment:
         started = time.thread_time()
         tracker = create_tracker(spec.method, spec.parameters)
         state = tracker.start(spec.prior, seed=spec.seed) if spec.state is None else spec.state
-        state, fixes = tracker.step(state, spec.segment, SpecMaps(spec.maps, self.open_map, self.keep_maps))
-        learned = tracker.learned(state)
-        return LocateResult(state, fixes, cpu_s=time.thread_time() - started, calibration=learned)
+        answer = tracker.answer(state, spec.segment, SpecMaps(spec.maps, self.open_map, self.keep_maps))
+        learned = tracker.learned(answer.state)
+        cpu_s = time.thread_time() - started
+        return LocateResult(answer.state, answer.fixes, cpu_s=cpu_s, calibration=learned, lagged=answer.lagged)
 
 
 @dataclass(frozen=True, slots=True)

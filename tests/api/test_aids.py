@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from app.engine.types import DeviceCalibration, Fix, GridMap, MapSource, Prior, Segment, TrackerState
+from app.engine.types import Answer, DeviceCalibration, GridMap, MapSource, Prior, Segment, TrackerState
 from app.services.aids import RADIUS_68_SD, Aids
 from app.services.errors import InvalidError
 from app.services.records import JobKind, JobState
@@ -151,9 +151,10 @@ class Tracker:
     def start(self, prior: Prior, *, seed: int) -> TrackerState:
         return TrackerState(self.method, b"", None)
 
-    def step(self, state: TrackerState, segment: Segment, maps: MapSource) -> tuple[TrackerState, tuple[Fix, ...]]:
+    def answer(self, state: TrackerState, segment: Segment, maps: MapSource) -> Answer:
         self.taken.append(segment)
-        return TrackerState(self.method, b"x", float(segment.samples.t[-1])), (fix(float(segment.samples.t[0])),)
+        after = TrackerState(self.method, b"x", float(segment.samples.t[-1]))
+        return Answer(after, (fix(float(segment.samples.t[0])),))
 
     def learned(self, state: TrackerState) -> DeviceCalibration | None:
         return calibration() if state.payload == b"x" else None

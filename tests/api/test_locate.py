@@ -14,6 +14,7 @@ def test_one_call(api: Api) -> None:
     assert (answer["map_id"], answer["method"]) == (level.current_map_id, "particle")
     assert answer["maps"] == [{"level_id": level.id, "map_id": level.current_map_id}]
     assert len(answer["fixes"]["x"]) == 3
+    assert answer["fixed_lag"].keys() == answer["fixes"].keys()
     assert api.ok("POST", "/v1/locate", **as_msgpack(body)) == answer
     assert api.stored() == before
 

@@ -36,6 +36,31 @@ def test_pages(api: Api) -> None:
     assert api.ok("GET", following)["number"] == whole["number"][4:8]
 
 
+def test_kinds(api: Api) -> None:
+    path = walked(api)
+    told = api.ok("GET", path)
+    assert api.ok("GET", f"{path}?kind=filtered") == told
+    page = api.ok("GET", f"{path}?kind=fixed_lag")
+    PositionPage.model_validate(page)
+    assert (page["seq"], page["number"]) == ([1, 1, 2, 2], [0, 1, 2, 3])
+    assert page["fixes"]["t_ms"] == [*told["fixes"]["t_ms"][:2], *told["fixes"]["t_ms"][3:5]]
+    assert set(page["fixes"]["kind"]) == {"fixed_lag"}
+    assert set(told["fixes"]["kind"]) == {"filtered"}
+    assert api.ok("GET", f"{path}?kind=fixed_lag&seq=2")["number"] == [2, 3]
+    first = api.get(f"{path}?kind=fixed_lag&limit=3")
+    following = first.headers["Link"].split(";")[0].strip("<>")
+    assert api.ok("GET", following)["number"] == [3]
+
+
+@pytest.mark.parametrize("kind", ["smoothed", "causal", ""])
+def test_other_kinds_are_not_kept(api: Api, kind: str) -> None:
+    response = api.get(f"{walked(api, n=1)}?kind={kind}")
+    assert response.status_code == 422
+    (error,) = response.json()["errors"]
+    assert error["field"] == "kind"
+    assert "fixed_lag" in error["message"] + error["remedy"]
+
+
 def test_geo_json(api: Api) -> None:
     path = walked(api, n=1)
     session = api.ok("GET", path.rpartition("/")[0])
@@ -51,6 +76,11 @@ def test_geo_json(api: Api) -> None:
         assert latitude > ANCHOR["latitude_deg"]
         assert longitude != ANCHOR["longitude_deg"]
         assert properties["ellipse95"]["semi_major_m"] > 0
+        assert properties["kind"] == "filtered"
+    api.ok("POST", f"{path.rpartition('/')[0]}/segments", json=plain(segment_body(1)))
+    later = api.get(f"{path}?kind=fixed_lag", headers=GEO_JSON).json()
+    PositionCollection.model_validate(later)
+    assert [feature["properties"]["kind"] for feature in later["features"]] == ["fixed_lag"] * 2
 
 
 def test_geo_json_needs_an_anchor(api: Api) -> None:

@@ -34,6 +34,21 @@ def test_waits_for_the_fixes(api: Api) -> None:
     assert api.get(response.headers["Location"]).json() == answer
 
 
+def test_earlier_steps_are_told_once_more(api: Api) -> None:
+    session_id = api.session_id()
+    first, second = (
+        api.ok("POST", path(session_id), json=plain(segment_body(seq)), headers={"Prefer": "wait=5"}) for seq in (0, 1)
+    )
+    assert all(column == [] for column in first["fixed_lag"].values())
+    SegmentOut.model_validate(second)
+    assert second["fixed_lag"]["t_ms"] == first["fixes"]["t_ms"][:2]
+    assert second["fixed_lag"]["kind"] == ["fixed_lag"] * 2
+    assert (second["fixes"]["kind"], second["position"]["kind"]) == (["filtered"] * 3, "filtered")
+    assert second["fixed_lag"]["x"] != first["fixes"]["x"][:2]
+    assert api.ok("GET", f"{path(session_id)}/1") == second
+    assert api.ok("POST", path(session_id), json=plain(segment_body(1))) == second
+
+
 def test_without_waiting_there_is_a_place_to_look(api: Api) -> None:
     session_id = api.session_id()
     api.worker.idle = True
@@ -42,6 +57,7 @@ def test_without_waiting_there_is_a_place_to_look(api: Api) -> None:
     answer = response.json()
     SegmentOut.model_validate(answer)
     assert (answer["state"], answer["fixes"], answer["position"]) == ("queued", None, None)
+    assert answer["fixed_lag"] is None
     api.worker.work()
     done = api.get(response.headers["Location"]).json()
     assert (done["state"], len(done["fixes"]["x"])) == ("done", 3)

@@ -26,6 +26,7 @@ def test_the_trajectory_of_a_session(api: Api) -> None:
     fixes = api.ok("GET", f"/v1/sessions/{session_id}/positions")["fixes"]
     assert answer["fixes"].keys() == fixes.keys()
     assert {len(column) for column in answer["fixes"].values()} == {2}
+    assert answer["fixes"]["kind"] == ["smoothed"] * 2
     assert api.ok("GET", f"/v1/sessions/{session_id}/trajectory") == answer
     assert api.stored() == before
 

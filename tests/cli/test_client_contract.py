@@ -127,8 +127,15 @@ def test_a_session_from_first_to_last(service: Service, surveyed: Surveyed, walk
         assert (last.x, last.y) == (fixes.x[-1], fixes.y[-1])
         assert fixes.ellipse95(-1).semi_major_m == pytest.approx(last.ellipse95.semi_major_m, abs=2e-3)
         assert len(session.positions(seq=1)) == len(results[1].fixes or ())
+        later = session.positions(kind="fixed_lag")
+        assert later.kind == (isodyn.FixKind.FIXED_LAG,) * len(later)
+        told = [result.fixed_lag for result in results if result.fixed_lag is not None]
+        np.testing.assert_array_equal(later.t_ms, np.concatenate([part.t_ms for part in told]))
+        assert len(set(later.t_ms)) == len(later) > 10
+        assert set(later.t_ms) <= set(fixes.t_ms)
         assert [info.seq for info in client.segments(session.id)] == list(range(len(results)))
         smoothed = session.trajectory()
+        assert set(smoothed.kind) == {isodyn.FixKind.SMOOTHED}
         assert len(smoothed) > 10
         assert set(smoothed.t_ms) <= set(fixes.t_ms)
         with pytest.raises(isodyn.SessionClosedError):

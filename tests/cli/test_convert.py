@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from app.cli.convert import fixes_from, prior_of, to_ms
 from app.cli.transport import ServiceTransport
-from app.engine.types import ImuSamples, Prior, Segment, Status
+from app.engine.types import FixKind, ImuSamples, Prior, Segment, Status
 from app.evaluation.errors import TransportError
 from tests.support.builders import all_aids
 
@@ -43,6 +43,7 @@ def columns(n: int) -> dict[str, list[object]]:
         **floats,
         "t_ms": [1000.0 * i for i in range(n)],
         "heading_deg": [90.0] * n,
+        "kind": ["fixed_lag"] * n,
         "status": ["insufficient"] * n,
         "sure": [False] * n,
         "walk_on_m": [None if i else 12.0 for i in range(n)],
@@ -70,6 +71,7 @@ def test_fixes_come_back_as_the_engines() -> None:
     assert fixes[0].heading == pytest.approx(math.pi / 2)
     assert (fixes[0].walk_on_m, fixes[1].walk_on_m) == (12.0, None)
     assert fixes[0].status is Status.INSUFFICIENT
+    assert fixes[0].kind is FixKind.FIXED_LAG
 
 
 def test_aids_of_a_segment_are_sent() -> None:

@@ -197,3 +197,16 @@ def pauta_means(values, lo, hi):
         far = np.abs(window - window.mean(axis=0)) > 3.0 * window.std(axis=0) + 1e-12
         means.append(np.nanmean(np.where(far, np.nan, window), axis=0))
     return np.array(means)
+
+
+def record_lines(x, y, x0, y0):
+    """Centimetres from the reference, rounded half to even, at most 327.67 m."""
+    return np.clip(np.rint(100.0 * np.stack([x - x0, y - y0], axis=1)), -32767, 32767).astype(np.int16)
+
+
+def line_moments(xy, w):
+    """Mean and covariance by the definition, the mean taken off first."""
+    metres = xy / 100.0
+    mean = np.average(metres, axis=0, weights=w)
+    cov = np.cov(metres.T, aweights=w, ddof=0)
+    return np.array([*mean, cov[0, 0], cov[0, 1], cov[1, 1]])

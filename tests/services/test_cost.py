@@ -12,7 +12,7 @@ from app.services.records import JobKind
 from tests.support.builders import World, locate_result, new_segment
 
 ACCEPT_STATEMENTS = 9
-ROUND_STATEMENTS = 21
+ROUND_STATEMENTS = 22
 
 
 @contextmanager
@@ -40,7 +40,7 @@ def _statements(world: World) -> Iterator[list[str]]:
 def test_a_segment_costs_few_statements_however_deep_the_queue(world: World, waiting: int) -> None:
     level = world.mapped_level()
     session_ids = [world.session(level.id).id for _ in range(3)]
-    result = locate_result(level_id=level.id, n_fixes=10, payload=bytes(64_000))
+    result = locate_result(level_id=level.id, n_fixes=10, n_lagged=9, payload=bytes(200_000))
     processing, accept = world.services.processing, world.services.sessions.accept
     for session_id in session_ids:
         for seq in range(waiting):

@@ -31,7 +31,7 @@ class Worker:
         self.specs.append(spec)
         if len(self.specs) <= self.losses:
             raise WorkerLostError
-        return locate_result(level_id=spec.prior.level_id or spec.maps[-1].level_id)
+        return locate_result(n_lagged=2, level_id=spec.prior.level_id or spec.maps[-1].level_id)
 
 
 def _service(world: World, worker: Worker) -> LocateService:
@@ -51,7 +51,8 @@ def test_a_segment_is_located_and_nothing_is_stored(world: World) -> None:
     located = _service(world, worker).locate(
         level.id, "particle", {"n_particles": 7}, Prior("?", 1.0, 2.0), samples(), aids=Aids(wifi=scans())
     )
-    assert located.fixes == locate_result(level_id=level.id).fixes
+    expected = locate_result(n_lagged=2, level_id=level.id)
+    assert (located.fixes, located.lagged) == (expected.fixes, expected.lagged)
     assert located.maps == (LevelMap(level.id, level.current_map_id),)
     (spec,) = worker.specs
     assert (spec.method, spec.parameters, spec.state) == ("particle", {"n_particles": 7}, None)

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from app.engine.types import FixKind
 from app.services.ids import seed_of
 from app.services.processing import MAX_ATTEMPTS
 from app.services.records import Job, JobState
@@ -64,6 +65,35 @@ def test_a_result_is_stored_with_its_job(world: World) -> None:
     segment = world.services.sessions.segment(session_id, 0)
     assert (segment.job_state, segment.processed_at) == (JobState.DONE, done.finished_at)
     assert _n_positions(world, session_id) == 3
+
+
+def test_what_is_told_later_is_stored_with_the_rest_or_not_at_all(world: World) -> None:
+    session_id = _accepted(world, 2)
+    processing, sessions = world.services.processing, world.services.sessions
+    processing.complete_locate(job := _claim(world), _result(world, job))
+    job = _claim(world)
+    told = locate_result(1, n_lagged=2, level_id=sessions.get(session_id).level_id or "")
+    broken = replace(told, state=None)  # type: ignore[arg-type]
+    with pytest.raises(AttributeError):
+        processing.complete_locate(job, broken)
+    assert sessions.positions(session_id, kind=FixKind.FIXED_LAG).items == ()
+    for _ in range(2):
+        processing.complete_locate(job, told)
+    positions = sessions.positions(session_id, kind=FixKind.FIXED_LAG).items
+    assert tuple(position.fix for position in positions) == told.lagged
+    assert {position.seq for position in positions} == {1}
+    result = sessions.result(session_id, 1)
+    assert (result.segment, result.fixes, result.lagged) == (sessions.segment(session_id, 1), told.fixes, told.lagged)
+
+
+def test_a_position_told_later_that_is_not_finite_fails_the_segment(world: World) -> None:
+    session_id = _accepted(world)
+    told = locate_result(0, n_lagged=2)
+    broken = replace(told, lagged=(told.lagged[0], replace(told.lagged[1], cov_xx=math.inf)))
+    failed = world.services.processing.complete_locate(_claim(world), broken)
+    assert failed is not None
+    assert failed.state is JobState.FAILED
+    assert _n_positions(world, session_id) == 0
 
 
 def test_the_same_result_twice_counts_once(world: World) -> None:

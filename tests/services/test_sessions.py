@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from app.engine.types import Hypothesis, ImuSamples, Prior
+from app.engine.types import FixKind, Hypothesis, ImuSamples, Prior
 from app.services import places
 from app.services.aids import Aids
 from app.services.errors import (
@@ -255,6 +255,9 @@ def test_segments_and_positions_page_in_order(world: World) -> None:
     assert [position.fix for position in sessions.positions(session.id, seq=1).items] == list(
         locate_result(1, level_id=session.level_id).fixes
     )
+    with pytest.raises(InvalidError) as caught:
+        sessions.positions(session.id, kind=FixKind.SMOOTHED)
+    assert caught.value.field == "kind"
     for cursor in ("x", "-1", "1.5", "²", "9" * 30, ""):
         with pytest.raises(InvalidError):
             sessions.positions(session.id, cursor=cursor)
@@ -270,7 +273,11 @@ def test_unknown_sessions_and_segments_are_named(world: World) -> None:
         assert caught.value.kind == "session"
     with pytest.raises(NotFoundError):
         sessions.accept("ses_none", new_segment(0))
-    for missing in (lambda: sessions.segment(session.id, 0), lambda: sessions.positions(session.id, seq=0)):
+    for missing in (
+        lambda: sessions.segment(session.id, 0),
+        lambda: sessions.positions(session.id, seq=0),
+        lambda: sessions.result(session.id, 0),
+    ):
         with pytest.raises(NotFoundError) as caught:
             missing()
         assert caught.value.kind == "segment"

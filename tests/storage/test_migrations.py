@@ -7,12 +7,13 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from alembic import command
 from alembic.autogenerate import compare_metadata
 from alembic.migration import MigrationContext
 from alembic.script import ScriptDirectory
 from sqlalchemy import Engine, inspect, text
 
-from app.engine.types import Hypothesis, Prior
+from app.engine.types import FixKind, Hypothesis, Prior
 from app.services.aids import NO_AIDS
 from app.services.records import LevelMap
 from app.storage import Database
@@ -155,4 +156,25 @@ def test_a_session_of_before_has_no_aids_and_taught_nothing(tmp_path: Path) -> N
         recording = uow.sessions.load_segment("ses", 0)
         assert recording.aids.wifi is not None
         assert replace(recording.aids, wifi=None) == NO_AIDS
+    database.close()
+
+
+def test_segments_of_before_told_nothing_later_and_the_way_back_keeps_them(tmp_path: Path) -> None:
+    database = _at_revision(tmp_path, "r0002")
+    done = _SEGMENT.replace("NULL, NULL, NULL", "NULL, 0, 1").replace("NULL)", f"'{_NOW}')")
+    with database.engine.begin() as connection:
+        for statement in (_VENUE, _LEVEL, _MAP, _SESSION, _JOB, done, _FIX):
+            connection.exec_driver_sql(statement)
+    database.migrate()
+    with database() as uow:
+        result = uow.sessions.get_result("ses", 0)
+        later = uow.sessions.list_positions("ses", seq=0, cursor=None, limit=9, kind=FixKind.FIXED_LAG)
+    assert ([fix.x for fix in result.fixes], result.lagged, later.items) == ([1.0], (), ())
+    with database.engine.begin() as connection:
+        command.downgrade(config_for(connection), "r0006")
+    assert "lagged_fixes" not in inspect(database.engine).get_table_names()
+    assert not {"first_lagged", "n_lagged"} & {c["name"] for c in inspect(database.engine).get_columns("segments")}
+    database.migrate()
+    with database() as uow:
+        assert uow.sessions.get_result("ses", 0) == result
     database.close()

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from sqlalchemy.exc import IntegrityError
 
-from app.engine.types import FeatureSet, GridMap, MapBuildSettings, Prior, TrackerState, WalkReport
+from app.engine.types import FeatureSet, FixKind, GridMap, MapBuildSettings, Prior, TrackerState, WalkReport
 from app.services.aids import NO_AIDS, Aids
 from app.services.errors import NotFoundError, SequenceGapError
 from app.services.ports import UnitOfWork
@@ -182,6 +182,7 @@ def test_what_is_not_there_is_named(database: Database) -> None:
             ("segment", lambda: uow.sessions.load_segment("x", 0)),
             ("segment", lambda: uow.sessions.record_failure("x", 0, "", START)),
             ("segment", lambda: uow.sessions.list_positions("x", seq=0, cursor=None, limit=1)),
+            ("segment", lambda: uow.sessions.get_result("x", 0)),
             ("job", lambda: uow.jobs.get("x")),
             ("job", lambda: uow.jobs.finish("x", DONE, START)),
             ("key", lambda: uow.keys.get("x")),
@@ -596,6 +597,36 @@ def test_results_number_the_fixes_and_replace_the_state(database: Database) -> N
             assert uow.sessions.list_positions("ses_1", seq=seq, cursor=None, limit=9).items == ()
         assert uow.sessions.get_segment("ses_1", 2).error == "worker died"
         assert uow.sessions.get_segment("ses_1", 1).processed_at == LATER
+
+
+def test_kinds_of_fixes_are_numbered_each_for_itself(database: Database) -> None:
+    write(database, add_session, *(lambda uow, seq=seq: add_segment(uow, seq) for seq in range(4)))
+    told = [fix(1.79e9 + i, level_id="lvl_1", x=float(i)) for i in range(6)]
+    later = [replace(one, x=one.x + 0.5, walk_on_m=3.0, kind=FixKind.FIXED_LAG) for one in told[:5]]
+    state = TrackerState("particle", b"", None)
+    for seq, fixes, lagged in ((0, told[:4], []), (1, told[4:], later[:2]), (2, [], later[2:])):
+        write(
+            database,
+            lambda uow, seq=seq, fixes=fixes, lagged=lagged: uow.sessions.record_result(
+                "ses_1", seq, state, fixes, LATER, lagged=lagged
+            ),
+        )
+    with database() as uow:
+        for kind, expected, by in (
+            (FixKind.FILTERED, told, [0, 0, 0, 0, 1, 1]),
+            (FixKind.FIXED_LAG, later, [1, 1, 2, 2, 2]),
+        ):
+            page = uow.sessions.list_positions("ses_1", seq=None, cursor=None, limit=99, kind=kind)
+            assert [position.fix for position in page.items] == expected
+            assert [position.number for position in page.items] == list(range(len(expected)))
+            assert [position.seq for position in page.items] == by
+        page = uow.sessions.list_positions("ses_1", seq=2, cursor="2", limit=1, kind=FixKind.FIXED_LAG)
+        assert ([position.number for position in page.items], page.next_cursor) == ([3], "3")
+        for seq, fixes, lagged in ((0, told[:4], []), (1, told[4:], later[:2]), (2, [], later[2:]), (3, [], [])):
+            result = uow.sessions.get_result("ses_1", seq)
+            assert (result.segment, result.fixes, result.lagged) == (
+                uow.sessions.get_segment("ses_1", seq), tuple(fixes), tuple(lagged),
+            )  # fmt: skip
 
 
 def test_claims_take_the_oldest_of_each_key_and_none_of_a_busy_one(database: Database) -> None:

@@ -19,6 +19,7 @@ from app.engine.types import (
     DeviceCalibration,
     FeatureSet,
     Fix,
+    FixKind,
     GridMap,
     ImuSamples,
     MapBuild,
@@ -258,15 +259,18 @@ def map_build(
     return MapBuild(built, reports, 12_345, 2.5, (8.0, 7.5), {"nugget": 0.5})
 
 
-def fix(t: float = T0, *, level_id: str = "lvl", x: float = 1.0, y: float = 2.0) -> Fix:
+def fix(
+    t: float = T0, *, level_id: str = "lvl", x: float = 1.0, y: float = 2.0, kind: FixKind = FixKind.FILTERED
+) -> Fix:
     """An ordinary fix."""
-    return Fix(t, level_id, x, y, 0.5, 0.1, 0.4, 0.3, Status.OK, 0.9, sure=True)
+    return Fix(t, level_id, x, y, 0.5, 0.1, 0.4, 0.3, Status.OK, 0.9, sure=True, kind=kind)
 
 
 def locate_result(
     seq: int = 0,
     *,
     n_fixes: int = 3,
+    n_lagged: int = 0,
     level_id: str = "lvl",
     payload: bytes | None = None,
     learned: DeviceCalibration | None = None,
@@ -274,8 +278,10 @@ def locate_result(
     """What a worker might answer to segment ``seq``."""
     t0 = T0 + seq * SEGMENT_S
     fixes = tuple(fix(t0 + i, level_id=level_id, x=seq + i / 10) for i in range(n_fixes))
+    back = t0 - SEGMENT_S
+    lagged = tuple(fix(back + i, level_id=level_id, x=seq - i, kind=FixKind.FIXED_LAG) for i in range(n_lagged))
     state = TrackerState("particle", b"after %d" % seq if payload is None else payload, t0 + SEGMENT_S)
-    return LocateResult(state, fixes, cpu_s=0.01, calibration=learned)
+    return LocateResult(state, fixes, cpu_s=0.01, calibration=learned, lagged=lagged)
 
 
 def queued_job(id_: str = "job_1", *, key: str = "ses_1", kind: JobKind = JobKind.LOCATE_SEGMENT, seq: int = 0) -> Job:
@@ -285,18 +291,22 @@ def queued_job(id_: str = "job_1", *, key: str = "ses_1", kind: JobKind = JobKin
 
 
 def answer_locate(spec: LocateSpec, progress: Progress) -> LocateResult:
-    """A locate task without an engine: three fixes that carry the spec's seed."""
+    """A locate task without an engine: three fixes that carry the spec's seed, and two of them again one later."""
     chunk = spec.segment.samples
     level_id = spec.prior.level_id or spec.maps[0].level_id
     fixes = tuple(fix(float(t), level_id=level_id, x=spec.seed % 1000) for t in chunk.t[:3])
-    payload = (spec.state.payload if spec.state else b"") + b"."
-    return LocateResult(TrackerState(spec.method, payload, float(chunk.t[-1])), fixes, cpu_s=0.0)
+    told = json.loads(spec.state.payload) if spec.state else []
+    lagged = tuple(fix(t, level_id=level_id, x=spec.seed % 1000 + 0.5, kind=FixKind.FIXED_LAG) for t in told)
+    state = TrackerState(spec.method, json.dumps([f.t for f in fixes[:2]]).encode(), float(chunk.t[-1]))
+    return LocateResult(state, fixes, cpu_s=0.0, lagged=lagged)
 
 
 def answer_smooth(spec: SmoothSpec, progress: Progress) -> SmoothResult:
     """A smoothing task without an engine: one fix per segment that carries the spec's seed."""
     level_id = spec.prior.level_id or spec.maps[0].level_id
-    fixes = tuple(fix(float(s.samples.t[0]), level_id=level_id, x=spec.seed % 1000) for s in spec.segments)
+    fixes = tuple(
+        fix(float(s.samples.t[0]), level_id=level_id, x=spec.seed % 1000, kind=FixKind.SMOOTHED) for s in spec.segments
+    )
     return SmoothResult(fixes, cpu_s=0.0)
 
 

@@ -11,7 +11,7 @@ from app.engine.errors import InputError, MapError
 from app.engine.geodesy import TangentPlane
 from app.engine.localization.registry import create_tracker
 from app.engine.mapping import build_map
-from app.engine.types import DeviceCalibration, GridMap, ImuSamples, MapBuildSettings, Prior, Segment
+from app.engine.types import DeviceCalibration, FixKind, GridMap, ImuSamples, MapBuildSettings, Prior, Segment
 from app.services.aids import Recording
 from app.services.tasks import BuildSpec, LocateSpec, MapRef, SmoothSpec
 from app.storage.map_cache import open_map
@@ -75,6 +75,18 @@ def test_segments_in_turn_follow_the_walk(grid_map: GridMap) -> None:
             errors.append(np.hypot(fix.x - walk.x[at], fix.y - walk.y[at]))
     assert len(errors) > 20
     assert np.median(errors) < 1.0
+
+
+def test_earlier_steps_are_told_once_more(grid_map: GridMap) -> None:
+    task, state, told, later = LocateSegment(Shelf({ref(0).path: grid_map}, []).open), None, [], []
+    for spec in specs():
+        result = task(replace(spec, state=state), no_progress)
+        state = result.state
+        told += [fix.t for fix in result.fixes]
+        later += result.lagged
+    assert len(later) > 10
+    assert {fix.kind for fix in later} == {FixKind.FIXED_LAG}
+    assert {fix.t for fix in later} < set(told)
 
 
 def test_what_was_learned_comes_with_the_result(grid_map: GridMap) -> None:

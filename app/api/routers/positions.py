@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Literal
 
 import orjson
 from fastapi import Query, Request, Response
@@ -17,10 +17,16 @@ from app.api.responses import guarded, schema_of
 from app.api.routing import api_router
 from app.api.schemas.positions import GEO_JSON_EXAMPLE, PositionCollection, PositionPage, position_page
 from app.api.schemas.samples import MAX_SEQ
+from app.engine.types import FixKind
 from app.services.container import Services
 from app.services.records import Anchor, Scope
 
 router = api_router("positions")
+
+_KIND = (
+    "`filtered`: as told in the moment. `fixed_lag`: each step once more, about 5 s later, with what came since. "
+    "`smoothed` ones are the trajectory."
+)
 
 
 @router.get(
@@ -46,15 +52,16 @@ def list_positions(
     request: Request,
     services: ServicesDep,
     paging: PagingDep,
-    seq: Annotated[int | None, Query(ge=0, le=MAX_SEQ, description="Of this segment only.")] = None,
+    seq: Annotated[int | None, Query(ge=0, le=MAX_SEQ, description="Told with this segment only.")] = None,
+    kind: Annotated[Literal[FixKind.FILTERED, FixKind.FIXED_LAG], Query(description=_KIND)] = FixKind.FILTERED,
 ) -> Response:
-    """Fixes, oldest segment first, a page at a time.
+    """Fixes of one kind, oldest segment first, a page at a time.
 
     With `Accept: application/geo+json` they are points in WGS 84, with level metres in the properties; the venue
     needs an anchor for that.
     """
     anchor = _anchor(services, session_id) if _wants_geo_json(request) else None
-    page = services.sessions.positions(session_id, seq, paging.cursor, paging.limit)
+    page = services.sessions.positions(session_id, seq, paging.cursor, paging.limit, kind=kind)
     headers = {"Vary": "Accept"}
     if page.next_cursor is not None:
         headers["Link"] = next_link(request, page.next_cursor)

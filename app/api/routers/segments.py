@@ -19,8 +19,6 @@ from app.api.routing import api_router
 from app.api.schemas.samples import SEGMENT_EXAMPLE, SegmentIn
 from app.api.schemas.segments import SEGMENT_QUEUED, SegmentInfoOut, SegmentOut, SegmentPage, segment_object
 from app.api.uploads import LARGE_BYTES, new_segment, parse
-from app.engine.types import Fix
-from app.services.base import MAX_LIMIT
 from app.services.container import Services
 from app.services.records import Accepted, JobState, Scope
 
@@ -73,7 +71,7 @@ async def add_segment(session_id: str, request: Request, context: ContextDep, wa
     content = (
         await run_in_threadpool(read_segment, context.services, session_id, accepted.segment.seq)
         if final
-        else orjson.dumps(segment_object(accepted.segment, ()))
+        else orjson.dumps(segment_object(accepted.segment))
     )
     return Response(
         content,
@@ -116,22 +114,10 @@ def get_segment(session_id: str, seq: SeqPath, services: ServicesDep) -> Respons
 
 def read_segment(services: Services, session_id: str, seq: int) -> bytes:
     """Render a segment with its fixes, if it has any."""
-    info = services.sessions.segment(session_id, seq)
-    fixes = _all_fixes(services, session_id, seq) if info.job_state is JobState.DONE else []
-    return orjson.dumps(segment_object(info, fixes))
+    result = services.sessions.result(session_id, seq)
+    return orjson.dumps(segment_object(result.segment, result.fixes, result.lagged))
 
 
 def _accept(context: Context, session_id: str, body: bytes, kind: str) -> Accepted:
     segment = new_segment(parse(body, kind, SegmentIn), context.clock())
     return context.services.sessions.accept(session_id, segment)
-
-
-def _all_fixes(services: Services, session_id: str, seq: int) -> list[Fix]:
-    fixes: list[Fix] = []
-    cursor: str | None = None
-    while True:
-        page = services.sessions.positions(session_id, seq, cursor, MAX_LIMIT)
-        fixes.extend(position.fix for position in page.items)
-        if page.next_cursor is None:
-            return fixes
-        cursor = page.next_cursor

@@ -9,7 +9,7 @@ from typing import Annotated, Any
 from pydantic import Field
 
 from app.api.schemas.base import Out, example
-from app.engine.types import Fix, Hypothesis, Status
+from app.engine.types import Fix, FixKind, Hypothesis, Status
 
 CHI2_95 = 5.991464547107979
 """95 % quantile of chi-square with two degrees of freedom."""
@@ -17,6 +17,7 @@ CHI2_95 = 5.991464547107979
 _ELLIPSE = {"semi_major_m": 2.9, "semi_minor_m": 1.7, "angle_deg": 31.0}
 POSITION_EXAMPLE: dict[str, Any] = {
     "t_ms": 1764000004980.0,
+    "kind": "filtered",
     "x": 12.31,
     "y": 4.07,
     "cov_xx": 1.2,
@@ -32,6 +33,7 @@ POSITION_EXAMPLE: dict[str, Any] = {
 }
 POSITION_EXAMPLE["hypotheses"] = []
 FIXES_EXAMPLE: dict[str, Any] = {name: [value] for name, value in POSITION_EXAMPLE.items() if name != "ellipse95"}
+FIXED_LAG_EXAMPLE: dict[str, Any] = FIXES_EXAMPLE | {"t_ms": [1763999999840.0], "kind": ["fixed_lag"], "x": [6.12]}
 
 
 class EllipseOut(Out):
@@ -54,6 +56,11 @@ class HypothesisOut(Out):
     weight: Annotated[float, Field(description="Its share of the belief, 0 to 1.")]
 
 
+_KIND = (
+    "Which samples it rests on: `filtered` those up to its time, `fixed_lag` also those of about 5 s after it, "
+    "`smoothed` all of the session."
+)
+FIXED_LAG = "Steps that lie 5 s back or more, told once more with what came since; each step once. May be empty."
 _HYPOTHESES = "While several places fit: the heaviest of them, heaviest first, with the last fix of a segment."
 
 
@@ -63,6 +70,7 @@ class PositionOut(Out):
     model_config = example(POSITION_EXAMPLE)
 
     t_ms: Annotated[float, Field(description="Unix milliseconds.")]
+    kind: Annotated[FixKind, Field(description=_KIND)]
     x: Annotated[float, Field(description="m, level frame.")]
     y: Annotated[float, Field(description="m, level frame.")]
     cov_xx: Annotated[float, Field(description="m^2.")]
@@ -84,6 +92,7 @@ class FixesOut(Out):
     model_config = example(FIXES_EXAMPLE)
 
     t_ms: list[float]
+    kind: Annotated[list[FixKind], Field(description=_KIND)]
     x: list[float]
     y: list[float]
     cov_xx: list[float]
@@ -126,6 +135,7 @@ def fix_columns(fixes: Sequence[Fix]) -> dict[str, list[Any]]:
     """Fixes as columns, ready for JSON: plain values, for a model per fix would cost more than the rest."""
     return {
         "t_ms": [t_ms(fix) for fix in fixes],
+        "kind": [fix.kind.value for fix in fixes],
         "x": [round(fix.x, 3) for fix in fixes],
         "y": [round(fix.y, 3) for fix in fixes],
         "cov_xx": [fix.cov_xx for fix in fixes],

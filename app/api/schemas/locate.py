@@ -8,7 +8,15 @@ from pydantic import ConfigDict, Field
 
 from app.api.schemas.aids import AidsIn
 from app.api.schemas.base import Out, example
-from app.api.schemas.fixes import FIXES_EXAMPLE, POSITION_EXAMPLE, FixesOut, PositionOut, fix_columns, position_object
+from app.api.schemas.fixes import (
+    FIXED_LAG,
+    FIXES_EXAMPLE,
+    POSITION_EXAMPLE,
+    FixesOut,
+    PositionOut,
+    fix_columns,
+    position_object,
+)
 from app.api.schemas.levels import LEVEL_ID
 from app.api.schemas.maps import MAP_ID
 from app.api.schemas.methods import MethodName
@@ -45,6 +53,7 @@ class LocateOut(Out):
             "maps": [{"level_id": LEVEL_ID, "map_id": MAP_ID}],
             "method": DEFAULT_METHOD,
             "fixes": FIXES_EXAMPLE,
+            "fixed_lag": {name: [] for name in FIXES_EXAMPLE},
             "position": POSITION_EXAMPLE,
         }
     )
@@ -53,6 +62,7 @@ class LocateOut(Out):
     maps: MapsOut
     method: str
     fixes: FixesOut
+    fixed_lag: Annotated[FixesOut, Field(description=FIXED_LAG)]
     position: Annotated[PositionOut | None, Field(description="The last fix.")]
 
 
@@ -62,5 +72,6 @@ def located_object(located: Located) -> dict[str, Any]:
         **maps_object(located.level_id, located.maps),
         "method": located.method,
         "fixes": fix_columns(located.fixes),
+        "fixed_lag": fix_columns(located.lagged),
         "position": position_object(located.fixes[-1]) if located.fixes else None,
     }

@@ -29,7 +29,7 @@ GEO_JSON_EXAMPLE: dict[str, Any] = {
 
 
 class PositionPage(PageOut):
-    """Fixes of a session, oldest segment first, in columns; `seq` is the segment each came from, `number` counts."""
+    """Fixes of a session, oldest segment first, in columns; `seq` is the segment that told each, `number` counts."""
 
     model_config = example({"number": [0], "seq": [0], "fixes": FIXES_EXAMPLE, "next_cursor": None})
 

@@ -8,7 +8,16 @@ from typing import Annotated, Any, Self
 from pydantic import Field
 
 from app.api.schemas.base import Out, PageOut, Time, example
-from app.api.schemas.fixes import FIXES_EXAMPLE, POSITION_EXAMPLE, FixesOut, PositionOut, fix_columns, position_object
+from app.api.schemas.fixes import (
+    FIXED_LAG,
+    FIXED_LAG_EXAMPLE,
+    FIXES_EXAMPLE,
+    POSITION_EXAMPLE,
+    FixesOut,
+    PositionOut,
+    fix_columns,
+    position_object,
+)
 from app.api.schemas.jobs import JOB_ID
 from app.api.schemas.sessions import SESSION_ID
 from app.engine.types import Fix
@@ -27,8 +36,21 @@ _INFO: dict[str, Any] = {
     "received_at": "2026-11-22T09:30:05.000Z",
     "processed_at": "2026-11-22T09:30:05.021Z",
 }
-SEGMENT_DONE: dict[str, Any] = {**_INFO, "fixes": FIXES_EXAMPLE, "position": POSITION_EXAMPLE}
-SEGMENT_QUEUED: dict[str, Any] = {**_INFO, "state": "queued", "processed_at": None, "fixes": None, "position": None}
+SEGMENT_DONE: dict[str, Any] = {
+    **_INFO,
+    "seq": 1,
+    "fixes": FIXES_EXAMPLE,
+    "fixed_lag": FIXED_LAG_EXAMPLE,
+    "position": POSITION_EXAMPLE,
+}
+SEGMENT_QUEUED: dict[str, Any] = {
+    **_INFO,
+    "state": "queued",
+    "processed_at": None,
+    "fixes": None,
+    "fixed_lag": None,
+    "position": None,
+}
 
 
 class SegmentInfoOut(Out):
@@ -59,6 +81,7 @@ class SegmentOut(SegmentInfoOut):
     model_config = example(SEGMENT_DONE)
 
     fixes: FixesOut | None
+    fixed_lag: Annotated[FixesOut | None, Field(description=FIXED_LAG)]
     position: Annotated[PositionOut | None, Field(description="The last fix.")]
 
 
@@ -70,12 +93,13 @@ class SegmentPage(PageOut):
     items: list[SegmentInfoOut]
 
 
-def segment_object(info: records.SegmentInfo, fixes: Sequence[Fix]) -> dict[str, Any]:
+def segment_object(info: records.SegmentInfo, fixes: Sequence[Fix] = (), lagged: Sequence[Fix] = ()) -> dict[str, Any]:
     """Return a segment with its fixes as plain values, the shape of SegmentOut."""
     done = info.job_state is JobState.DONE
     return {
         **SegmentInfoOut.of(info).model_dump(mode="json"),
         "fixes": fix_columns(fixes) if done else None,
+        "fixed_lag": fix_columns(lagged) if done else None,
         "position": position_object(fixes[-1]) if done and fixes else None,
     }
 

@@ -13,9 +13,8 @@ from app.api.schemas.maps import MAP_ID
 from app.api.schemas.places import MapIdOut, MapsOut, maps_object
 from app.api.schemas.sessions import SESSION_ID
 from app.engine.localization.registry import DEFAULT_METHOD
+from app.engine.types import FixKind
 from app.services.records import Trajectory
-
-SMOOTHED = "smoothed"
 
 
 class TrajectoryOut(Out):
@@ -27,8 +26,8 @@ class TrajectoryOut(Out):
             "map_id": MAP_ID,
             "maps": [{"level_id": LEVEL_ID, "map_id": MAP_ID}],
             "method": DEFAULT_METHOD,
-            "kind": SMOOTHED,
-            "fixes": FIXES_EXAMPLE,
+            "kind": FixKind.SMOOTHED,
+            "fixes": FIXES_EXAMPLE | {"kind": [FixKind.SMOOTHED]},
         }
     )
 
@@ -36,8 +35,12 @@ class TrajectoryOut(Out):
     map_id: MapIdOut
     maps: MapsOut
     method: str
-    kind: Annotated[Literal["smoothed"], Field(description="Not what was answered in the moment: see `positions`.")]
-    fixes: Annotated[FixesOut, Field(description="One per step.")]
+    kind: Annotated[
+        Literal[FixKind.SMOOTHED], Field(description="Not what was answered in the moment: see `positions`.")
+    ]
+    fixes: Annotated[
+        FixesOut, Field(description="One per step; steps before the place was found may be `filtered` still.")
+    ]
 
 
 def trajectory_object(trajectory: Trajectory) -> dict[str, Any]:
@@ -46,6 +49,6 @@ def trajectory_object(trajectory: Trajectory) -> dict[str, Any]:
         "session_id": trajectory.session_id,
         **maps_object(trajectory.level_id, trajectory.maps),
         "method": trajectory.method,
-        "kind": SMOOTHED,
+        "kind": FixKind.SMOOTHED.value,
         "fixes": fix_columns(trajectory.fixes),
     }

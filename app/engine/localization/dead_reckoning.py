@@ -12,6 +12,7 @@ from app.engine.inertial.stride import BOUNCE, SPREAD
 from app.engine.localization import codec
 from app.engine.localization.initial import WALKING_M_S
 from app.engine.types import (
+    Answer,
     DeviceCalibration,
     FeatureSet,
     Fix,
@@ -94,6 +95,10 @@ class DeadReckoningTracker:
         return TrackerState(
             self.method, codec.pack({"prior": codec.prior_values(prior), "track": after}), last_t
         ), tuple(fixes)
+
+    def answer(self, state: TrackerState, segment: Segment, map_source: MapSource) -> Answer:
+        """Advance like :meth:`step`: without the map nothing that comes later says anything of what was before."""
+        return Answer(*self.step(state, segment, map_source))
 
     def learned(self, state: TrackerState) -> DeviceCalibration | None:  # noqa: ARG002 - the contract
         """Nothing: without the map neither offset nor stride can be told."""

@@ -9,7 +9,7 @@ import numpy as np
 
 from app.engine.filtering import Estimate, Mode
 from app.engine.localization.search import Belief, Place
-from app.engine.types import Fix, Hypothesis, Status
+from app.engine.types import Fix, FixKind, Hypothesis, Status
 
 CHI2_95 = 5.991
 """95 % quantile of chi-square with two degrees of freedom: scale of the ellipse."""
@@ -30,8 +30,9 @@ class IntegrityPolicy:
         Further factor while the place is searched: its likelihood is sharper than readings are.
     handover_m : float, m
         Standard deviation added to particles when tracking takes over from the search, for the same reason.
-    smoothed_scale : float
-        Further factor for smoothed fixes: the lines of particles merge going back.
+    lagged_scale, smoothed_scale : float
+        Further factors for the particles' covariance of fixed-lag and of smoothed fixes: lines merge going back, the
+        farther the more.
     settle_m : float
         A spread (major semi-axis, one sigma) below this counts as one place.
     insufficient_m : float
@@ -59,6 +60,7 @@ class IntegrityPolicy:
     covariance_floor: float = 0.3
     searched_scale: float = 4.0
     handover_m: float = 1.5
+    lagged_scale: float = 1.2
     smoothed_scale: float = 1.5
     settle_m: float = 5.0
     insufficient_m: float = 8.0
@@ -115,9 +117,11 @@ class Integrity:
         )
 
 
-def calibrate(estimate: Estimate | Mode, policy: IntegrityPolicy, factor: float = 1.0) -> tuple[float, float, float]:
-    """Covariance (xx, xy, yy) that a fix claims, m^2; ``factor`` beside the policy's own."""
-    scale, floor = factor * policy.covariance_scale, factor * policy.covariance_floor
+def calibrate(
+    estimate: Estimate | Mode, policy: IntegrityPolicy, factor: float = 1.0, *, widen: float = 1.0
+) -> tuple[float, float, float]:
+    """Covariance (xx, xy, yy) that a fix claims, m^2; ``factor`` multiplies the policy's, ``widen`` its scale only."""
+    scale, floor = widen * factor * policy.covariance_scale, factor * policy.covariance_floor
     return scale * estimate.cov_xx + floor, scale * estimate.cov_xy, scale * estimate.cov_yy + floor
 
 
@@ -149,6 +153,36 @@ def judge(estimate: Estimate, integrity: Integrity, policy: IntegrityPolicy) -> 
     if integrity.disturbed > policy.disturbed_share:
         return Verdict(Status.DISTURBED, quality * 0.5, sure=False, walk_on_m=None)
     return Verdict(Status.OK, quality, sigma <= policy.sure_m, walk_on_m=None)
+
+
+def tell(
+    t: float,
+    level_id: str,
+    estimate: Estimate,
+    integrity: Integrity,
+    policy: IntegrityPolicy,
+    *,
+    kind: FixKind = FixKind.FILTERED,
+) -> Fix:
+    """Fix of a step at ``t`` while the place is known; ``estimate`` and ``integrity`` are the step's."""
+    verdict = judge(estimate, integrity, policy)
+    widen = {FixKind.FILTERED: 1.0, FixKind.FIXED_LAG: policy.lagged_scale, FixKind.SMOOTHED: policy.smoothed_scale}
+    cov_xx, cov_xy, cov_yy = calibrate(estimate, policy, widen=widen[kind])
+    return Fix(
+        t=t,
+        level_id=level_id,
+        x=estimate.x,
+        y=estimate.y,
+        cov_xx=cov_xx,
+        cov_xy=cov_xy,
+        cov_yy=cov_yy,
+        heading=estimate.heading,
+        status=verdict.status,
+        quality=verdict.quality,
+        sure=verdict.sure,
+        walk_on_m=verdict.walk_on_m,
+        kind=kind,
+    )
 
 
 def confirmed(beliefs: Sequence[Belief], walked_m: float, policy: IntegrityPolicy) -> bool:

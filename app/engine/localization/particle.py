@@ -34,18 +34,19 @@ from app.engine.localization.initial import (
 from app.engine.localization.integrity import (
     Integrity,
     IntegrityPolicy,
-    calibrate,
     confirmed,
-    judge,
     search_fix,
     spread,
+    tell,
 )
+from app.engine.localization.look_back import LookBack
 from app.engine.localization.motion import take_step
 from app.engine.localization.profile import join, newest
 from app.engine.localization.radio import RadioMemory
 from app.engine.localization.search import Belief, Place, SearchPolicy, search
 from app.engine.localization.session import Quest, SessionState, Track, estimate_of, weigh_by
 from app.engine.types import (
+    Answer,
     DeviceCalibration,
     FeatureSet,
     Fix,
@@ -113,12 +114,23 @@ class ParticleTracker:
         self, state: TrackerState, segment: Segment, map_source: MapSource
     ) -> tuple[TrackerState, tuple[Fix, ...]]:
         """Advance by one segment: a fix per confirmed step, and one where steps are settled."""
+        answer = self.answer(state, segment, map_source)
+        return answer.state, answer.fixes
+
+    def answer(self, state: TrackerState, segment: Segment, map_source: MapSource) -> Answer:
+        """Advance like :meth:`step`, and tell steps of some seconds before once more, with what came after them."""
         if state.method != self.method:
             raise StateError(f"state belongs to method {state.method!r}, not {self.method!r}")
         session = SessionState.decode(state.payload)
-        fixes = [fix for fix, _ in self.walk(session, segment, map_source)]
+        look_back = LookBack(session.open_steps, session.track, self.policy)
+        fixes: list[Fix] = []
+        lagged: list[Fix] = []
+        for fix, moved in self.walk(session, segment, map_source):
+            fixes.append(fix)
+            lagged += look_back.take(session.track, fix, moved)
+        session.open_steps = look_back.steps
         last_t = float(segment.samples.t[-1])
-        return TrackerState(self.method, session.encode(), last_t), tuple(fixes)
+        return Answer(TrackerState(self.method, session.encode(), last_t), tuple(fixes), tuple(lagged))
 
     def learned(self, state: TrackerState) -> DeviceCalibration | None:
         """Offset and stride as the particles have them, once the place is known."""
@@ -316,22 +328,7 @@ class ParticleTracker:
         return moved
 
     def _fix(self, track: Track, t: float) -> Fix:
-        verdict = judge(track.estimate, track.integrity, self.policy)
-        cov_xx, cov_xy, cov_yy = calibrate(track.estimate, self.policy)
-        return Fix(
-            t=t,
-            level_id=track.level_id,
-            x=track.estimate.x,
-            y=track.estimate.y,
-            cov_xx=cov_xx,
-            cov_xy=cov_xy,
-            cov_yy=cov_yy,
-            heading=track.estimate.heading,
-            status=verdict.status,
-            quality=verdict.quality,
-            sure=verdict.sure,
-            walk_on_m=verdict.walk_on_m,
-        )
+        return tell(t, track.level_id, track.estimate, track.integrity, self.policy)
 
 
 def first_reading(pedestrian: PedestrianState, events: StepEvents) -> tuple[float, Float64Array]:

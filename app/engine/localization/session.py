@@ -23,6 +23,7 @@ from app.engine.localization.aids import (
     weigh_cloud,
 )
 from app.engine.localization.integrity import Integrity
+from app.engine.localization.lines import OpenStep, steps_from, steps_values
 from app.engine.localization.profile import profile_from, profile_values
 from app.engine.types import DeviceCalibration, FeatureSet, Prior
 
@@ -60,7 +61,8 @@ class SessionState:
     """Tracker state, decoded. ``count`` segments have been taken.
 
     Before the first there is neither ``pedestrian`` nor ``track`` nor ``quest``; then the session is on a quest until
-    its place is known, and on a track from there. ``beginning`` is not kept: it is the track's first moment, known once
+    its place is known, and on a track from there. ``open_steps`` are those of the track that were told only in the
+    moment, with the lines of its particles. ``beginning`` is not kept: it is the track's first moment, known once
     the quest has ended.
     """
 
@@ -73,6 +75,7 @@ class SessionState:
     aids: AidMemory = field(default_factory=AidMemory)
     travelled_m: float = 0.0
     barometer: Barometer = field(default_factory=Barometer)
+    open_steps: tuple[OpenStep, ...] = ()
     beginning: Track | None = None
 
     def encode(self) -> bytes:
@@ -92,6 +95,7 @@ class SessionState:
                 "moved": track.cloud.moved,
                 "estimate": asdict(track.estimate),
                 "integrity": asdict(track.integrity),
+                "open_steps": steps_values(self.open_steps),
             }
         if quest is not None:
             events = None if quest.events is None else profile_values(quest.events)
@@ -122,6 +126,7 @@ class SessionState:
                 estimate=Estimate(**track["estimate"]),
                 integrity=Integrity(**track["integrity"]),
             )
+            session.open_steps = steps_from(track["open_steps"])
         if "quest" in values:
             quest = values["quest"]
             events = None if quest["events"] is None else profile_from(quest["events"])

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from app.engine.filtering import Advance
 from app.engine.inertial import gap_before
 from app.engine.localization.climbing import changes_level
-from app.engine.localization.integrity import Integrity, calibrate, judge
+from app.engine.localization.integrity import Integrity, tell
 from app.engine.localization.particle import ParticleTracker
 from app.engine.localization.session import SessionState, Track
-from app.engine.types import Fix, Float32Array, Float64Array, MapSource, Prior, Segment
+from app.engine.types import Fix, FixKind, Float32Array, Float64Array, MapSource, Prior, Segment
 
 SMOOTHING_PARTICLES = 6000
 
@@ -38,7 +38,8 @@ def smooth_session(
     The genealogy of the particles is followed back from the end (Kitagawa 1996, doi:10.2307/1390750). Lines merge going
     back, so more particles are used than for tracking. After a gap between segments the filter draws its particles
     anew, so nothing is followed across it: each stretch between gaps is smoothed for itself. So it is after a change of
-    level, where the place is searched anew.
+    level, where the place is searched anew. Steps of a search that did not lead back to where it began keep their
+    ``filtered`` fix.
     """
     n = SMOOTHING_PARTICLES  # whatever tracking uses: half an hour of them takes 200 MB
     wide = ParticleTracker(
@@ -125,7 +126,6 @@ def _trace_back(
 ) -> tuple[Fix, ...]:
     if not steps or track is None:
         return ()
-    policy = replace(tracker.policy, covariance_scale=tracker.policy.covariance_scale * tracker.policy.smoothed_scale)
     index = np.arange(weights.shape[0], dtype=np.int32)
     weights = weights / weights.sum()
     fixes: list[Fix] = []
@@ -142,23 +142,10 @@ def _trace_back(
             cov_xx=float(weights @ (x - mx) ** 2),
             cov_xy=float(weights @ ((x - mx) * (y - my))),
             cov_yy=float(weights @ (y - my) ** 2),
+            heading=step.fix.heading,
         )
-        cov_xx, cov_xy, cov_yy = calibrate(estimate, policy)
         # what lay about the step then; that the place was found later counts for all of them
         integrity = replace(step.integrity, settled=track.integrity.settled)
-        verdict = judge(estimate, integrity, tracker.policy)
-        fixes.append(
-            replace(
-                step.fix,
-                x=mx,
-                y=my,
-                cov_xx=cov_xx,
-                cov_xy=cov_xy,
-                cov_yy=cov_yy,
-                status=verdict.status,
-                quality=verdict.quality,
-                sure=verdict.sure,
-                walk_on_m=verdict.walk_on_m,
-            )
-        )
+        then = step.fix
+        fixes.append(tell(then.t, then.level_id, estimate, integrity, tracker.policy, kind=FixKind.SMOOTHED))
     return tuple(reversed(fixes))

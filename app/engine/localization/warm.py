@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from app.engine.filtering import Cloud
+from app.engine.localization.integrity import Integrity
+from app.engine.localization.lines import OpenStep
 from app.engine.localization.radio import RadioScan, log_likelihood
 from app.engine.localization.registry import METHODS, create_tracker
 from app.engine.mapping import Covariance, FieldLevel, FieldSamples, krige
@@ -24,7 +27,7 @@ class _OneMap:
 
 
 def warm_up() -> None:
-    """Run every method once on a few steps over a flat map, krige one, and hear one access point.
+    """Run every method once on a few steps over a flat map, look back once, krige one, and hear one access point.
 
     Idempotent; seconds without a cache.
     """
@@ -32,7 +35,9 @@ def warm_up() -> None:
     segment = Segment(_walk(3.0))
     for name in METHODS:
         tracker = create_tracker(name)
-        tracker.step(tracker.start(Prior("warm", 5.0, 5.0), seed=0), segment, source)
+        _, fixes = tracker.step(tracker.start(Prior("warm", 5.0, 5.0), seed=0), segment, source)
+    few = Cloud.empty(2)  # a short walk does not look back
+    OpenStep.of(fixes[0], Integrity(), few).estimate(few.p[14])
     samples = FieldSamples(np.zeros((1, 2)), np.zeros(1, dtype=np.int64), np.zeros((1, 3)))
     krige(samples, FieldLevel(np.zeros(3), np.ones(3)), Covariance(), np.zeros((1, 2)))
     for memory_mapped in (False, True):

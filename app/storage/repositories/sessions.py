@@ -8,17 +8,28 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import asdict, astuple
 from datetime import datetime
+from functools import partial
 from typing import Any
 
-from sqlalchemy import BindParameter, Row, bindparam, func, insert, select, update
+from sqlalchemy import BindParameter, Row, ScalarSelect, Table, bindparam, func, insert, select, update
 
 from app.engine.localization.codec import calibration_from, prior_from
-from app.engine.types import DeviceCalibration, Fix, Hypothesis, Status, TrackerState
+from app.engine.types import DeviceCalibration, Fix, FixKind, Hypothesis, Status, TrackerState
 from app.services.aids import Recording
 from app.services.errors import SequenceGapError
-from app.services.records import JobState, LevelMap, NewSegment, Page, Position, SegmentInfo, Session, SessionStatus
+from app.services.records import (
+    JobState,
+    LevelMap,
+    NewSegment,
+    Page,
+    Position,
+    SegmentInfo,
+    SegmentResult,
+    Session,
+    SessionStatus,
+)
 from app.storage.columns import AID_COLUMNS, decode_aids, decode_samples, encode_aids, encode_samples
-from app.storage.models import fixes, jobs, segment_samples, segments, sessions, tracker_states
+from app.storage.models import fixes, jobs, lagged_fixes, segment_samples, segments, sessions, tracker_states
 from app.storage.repositories.base import Repository, expect_one, page
 
 _ID: BindParameter[Any] = bindparam("session")
@@ -62,21 +73,38 @@ _GET_CALIBRATION = select(tracker_states.c.calibration).where(tracker_states.c.s
 _MARK_REMEMBERED = (
     update(sessions).where(sessions.c.id == _ID, sessions.c.remembered_at.is_(None)).values(remembered_at=_NOW)
 )
+
+
+def _last_number(table: Table) -> ScalarSelect[Any]:
+    return select(func.max(table.c.number)).where(table.c.session_id == _ID).scalar_subquery()
+
+
 # locked, so that of closing a session and finishing its last segment one comes second and sees both
-_LAST_NUMBER = (
-    select(
-        sessions.c.status,
-        select(func.max(fixes.c.number)).where(fixes.c.session_id == _ID).scalar_subquery().label("number"),
-    )
+_LAST_NUMBERS = (
+    select(sessions.c.status, _last_number(fixes).label("number"), _last_number(lagged_fixes).label("lagged_number"))
     .where(sessions.c.id == _ID)
     .with_for_update(of=sessions)
 )
 _INSERT_FIXES = insert(fixes)
+_INSERT_LAGGED = insert(lagged_fixes)
 _MARK_PROCESSED = (
     update(segments)
     .where(*_SEGMENT_KEY)
-    .values(processed_at=_NOW, first_fix=bindparam("first"), n_fixes=bindparam("count"))
+    .values(
+        processed_at=_NOW,
+        first_fix=bindparam("first"),
+        n_fixes=bindparam("count"),
+        first_lagged=bindparam("lagged_first"),
+        n_lagged=bindparam("lagged_count"),
+    )
 )
+_TABLES = {FixKind.FILTERED: fixes, FixKind.FIXED_LAG: lagged_fixes}
+_FIXES_OF = {
+    kind: select(table)
+    .where(table.c.session_id == _ID, table.c.number >= bindparam("first"), table.c.number < bindparam("end"))
+    .order_by(table.c.number)
+    for kind, table in _TABLES.items()
+}
 _MARK_FAILED = update(segments).where(*_SEGMENT_KEY).values(processed_at=_NOW, error=bindparam("message"))
 
 
@@ -162,6 +190,12 @@ class SqlSessionRepository(Repository):
         row = self._one("segment", f"{session_id}/{seq}", _GET_SEGMENT, {"session": session_id, "number": seq})
         return _segment(row)
 
+    def get_result(self, session_id: str, seq: int) -> SegmentResult:
+        """A segment with all of its fixes."""
+        row = self._one("segment", f"{session_id}/{seq}", _GET_SEGMENT, {"session": session_id, "number": seq})
+        filtered, lagged = (self._told_with(row, kind) for kind in (FixKind.FILTERED, FixKind.FIXED_LAG))
+        return SegmentResult(_segment(row), filtered, lagged)
+
     def list_segments(self, session_id: str, *, cursor: str | None, limit: int) -> Page[SegmentInfo]:
         """Segments, oldest first; the cursor is the last ``seq`` seen."""
         statement = _SEGMENTS.where(segments.c.session_id == session_id)
@@ -207,21 +241,21 @@ class SqlSessionRepository(Repository):
         fixes: Sequence[Fix],
         now: datetime,
         *,
+        lagged: Sequence[Fix] = (),
         calibration: DeviceCalibration | None = None,
     ) -> SessionStatus:
-        """Store new state, fixes and calibration (None: it stays), and mark the segment processed.
+        """Store new state, fixes of both kinds and calibration (None: it stays), and mark the segment processed.
 
         Returns whether the session is open still; until the transaction ends nobody else changes that.
         """
-        row = self._one("session", session_id, _LAST_NUMBER, {"session": session_id})
-        first = 0 if row.number is None else row.number + 1
-        if fixes:
-            self._write(_INSERT_FIXES, [_columns(session_id, first + i, seq, fix) for i, fix in enumerate(fixes)])
+        row = self._one("session", session_id, _LAST_NUMBERS, {"session": session_id})
+        first, lagged_first = (0 if last is None else last + 1 for last in (row.number, row.lagged_number))
+        for statement, start, told in ((_INSERT_FIXES, first, fixes), (_INSERT_LAGGED, lagged_first, lagged)):
+            if told:
+                self._write(statement, [_columns(session_id, start + i, seq, fix) for i, fix in enumerate(told)])
         self._set_state(session_id, state, calibration)
-        marked = self._write(
-            _MARK_PROCESSED,
-            {"session": session_id, "number": seq, "now": now, "first": first, "count": len(fixes)},
-        )
+        ranges = {"first": first, "count": len(fixes), "lagged_first": lagged_first, "lagged_count": len(lagged)}
+        marked = self._write(_MARK_PROCESSED, {"session": session_id, "number": seq, "now": now, **ranges})
         expect_one(marked, "segment", f"{session_id}/{seq}")
         return SessionStatus(row.status)
 
@@ -230,20 +264,33 @@ class SqlSessionRepository(Repository):
         marked = self._write(_MARK_FAILED, {"session": session_id, "number": seq, "now": now, "message": error})
         expect_one(marked, "segment", f"{session_id}/{seq}")
 
-    def list_positions(self, session_id: str, *, seq: int | None, cursor: str | None, limit: int) -> Page[Position]:
-        """Fixes in time order; the cursor is the ``number`` of the last one seen."""
-        statement = select(fixes).where(fixes.c.session_id == session_id)
+    def list_positions(
+        self,
+        session_id: str,
+        *,
+        seq: int | None,
+        cursor: str | None,
+        limit: int,
+        kind: FixKind = FixKind.FILTERED,
+    ) -> Page[Position]:
+        """Fixes of a kind that is stored, in time order; the cursor is the ``number`` of the last one seen."""
+        table = _TABLES[kind]
+        statement = select(table).where(table.c.session_id == session_id)
         if seq is not None:
-            first, end = self._fix_range(session_id, seq)
-            statement = statement.where(fixes.c.number >= first, fixes.c.number < end)
+            row = self._one("segment", f"{session_id}/{seq}", _GET_SEGMENT, {"session": session_id, "number": seq})
+            first, end = _range(row, kind)
+            statement = statement.where(table.c.number >= first, table.c.number < end)
         if cursor is not None:
-            statement = statement.where(fixes.c.number > int(cursor))
-        rows = self._read(statement.order_by(fixes.c.number).limit(limit + 1)).all()
-        return page(rows, _position, lambda row: str(row.number), limit=limit)
+            statement = statement.where(table.c.number > int(cursor))
+        rows = self._read(statement.order_by(table.c.number).limit(limit + 1)).all()
+        return page(rows, partial(_position, kind=kind), lambda row: str(row.number), limit=limit)
 
-    def _fix_range(self, session_id: str, seq: int) -> tuple[int, int]:
-        row = self._one("segment", f"{session_id}/{seq}", _GET_SEGMENT, {"session": session_id, "number": seq})
-        return (0, 0) if row.first_fix is None else (row.first_fix, row.first_fix + row.n_fixes)
+    def _told_with(self, segment: Row[Any], kind: FixKind) -> tuple[Fix, ...]:
+        first, end = _range(segment, kind)
+        if first == end:
+            return ()
+        rows = self._read(_FIXES_OF[kind], {"session": segment.session_id, "first": first, "end": end})
+        return tuple(_position(row, kind).fix for row in rows)
 
     def _set_state(self, session_id: str, state: TrackerState, calibration: DeviceCalibration | None) -> None:
         values: dict[str, Any] = {"method": state.method, "payload": state.payload, "last_t": state.last_t}
@@ -314,7 +361,14 @@ def _columns(session_id: str, number: int, seq: int, fix: Fix) -> dict[str, Any]
     }
 
 
-def _position(row: Row[Any]) -> Position:
+def _range(segment: Row[Any], kind: FixKind) -> tuple[int, int]:
+    """Numbers of the fixes that were told with a segment: the first, and the one after the last."""
+    lagged = kind is FixKind.FIXED_LAG
+    first, n = (segment.first_lagged, segment.n_lagged) if lagged else (segment.first_fix, segment.n_fixes)
+    return (0, 0) if first is None else (first, first + n)
+
+
+def _position(row: Row[Any], kind: FixKind) -> Position:
     fix = Fix(
         t=row._mapping["t"],  # row.t is SQLAlchemy's own
         level_id=row.level_id,
@@ -329,6 +383,7 @@ def _position(row: Row[Any]) -> Position:
         sure=row.sure,
         walk_on_m=row.walk_on_m,
         hypotheses=tuple(_hypothesis(row.level_id, values) for values in row.hypotheses or ()),
+        kind=kind,
     )
     return Position(row.session_id, row.number, row.seq, fix)
 

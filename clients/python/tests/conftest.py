@@ -113,6 +113,7 @@ SESSION = {
 }
 FIXES = {
     "t_ms": [1000.0, 2000.5],
+    "kind": ["filtered", "filtered"],
     "x": [1.0, 2.0],
     "y": [3.0, 4.0],
     "cov_xx": [4.0, 1.0],
@@ -125,6 +126,7 @@ FIXES = {
     "walk_on_m": [12.5, None],
     "level_id": ["lev_1", "lev_1"],
 }
+LAGGED = {name: values[:1] for name, values in FIXES.items()} | {"kind": ["fixed_lag"], "x": [0.75]}
 
 
 def job(state: str, progress: float = 0.0, **more: object) -> dict[str, object]:
@@ -146,8 +148,9 @@ def job(state: str, progress: float = 0.0, **more: object) -> dict[str, object]:
 
 
 def segment(seq: int, state: str = "done") -> dict[str, object]:
-    fixes = FIXES if state == "done" else None
-    return {"session_id": "ses_1", "seq": seq, "state": state, "fixes": fixes, "error": None, "position": None}
+    done = state == "done"
+    told = {"fixes": FIXES if done else None, "fixed_lag": LAGGED if done else None, "position": None}
+    return {"session_id": "ses_1", "seq": seq, "state": state, "error": None, **told}
 
 
 def make_samples(n: int = 100, *, start_ms: float = 1_764_000_000_000.0, step_ms: float = 20.0) -> Samples:

@@ -12,13 +12,14 @@ import httpx
 import msgpack
 import numpy as np
 import pytest
-from conftest import FIXES, NOW, SESSION, VENUE, FakeService, job, make_samples, ok, problem, segment
+from conftest import FIXES, LAGGED, NOW, SESSION, VENUE, FakeService, job, make_samples, ok, problem, segment
 from isodyn_client import (
     Aids,
     AsyncClient,
     BleScans,
     Client,
     Encoding,
+    FixKind,
     GnssFixes,
     InvalidRequestError,
     JobFailedError,
@@ -250,7 +251,7 @@ def every_aid(t0: float) -> Aids:
 def test_all_aids_arrive_as_they_were(service: FakeService, client: Client, encoding: Encoding) -> None:
     samples = make_samples(100)
     t0 = float(samples.t_ms[0])
-    service.will(ok(segment(0)), ok({"map_id": "map_1", "method": "particle", "fixes": FIXES}))
+    service.will(ok(segment(0)), ok({"map_id": "map_1", "method": "particle", "fixes": FIXES, "fixed_lag": LAGGED}))
     client.send_segment("ses_1", 0, samples, aids=every_aid(t0), encoding=encoding)
     client.locate("lev_1", samples, aids=every_aid(t0), encoding=encoding)
     for body in service.bodies:
@@ -322,6 +323,40 @@ def test_positions_are_gathered_from_all_pages(service: FakeService, client: Cli
     assert len(fixes) == 4
     assert fixes.status == ("insufficient", "ok", "insufficient", "ok")
     assert service.requests[1].url.params["cursor"] == "2"
+
+
+def test_steps_told_once_more_come_with_a_segment(service: FakeService, client: Client) -> None:
+    service.will(ok(SESSION, 201), ok(segment(0)), ok(segment(1, "queued"), 202))
+    session = client.open_session("lev_1")
+    result = session.send(make_samples(), wait=5)
+    assert result.fixes is not None
+    assert result.fixed_lag is not None
+    assert result.fixes.kind == (FixKind.FILTERED, FixKind.FILTERED)
+    assert result.fixed_lag.kind == (FixKind.FIXED_LAG,)
+    np.testing.assert_array_equal(result.fixed_lag.xy, [[0.75, 3.0]])
+    assert session.send(make_samples(start_ms=1_764_000_005_000.0)).fixed_lag is None
+
+
+def test_positions_of_a_kind(service: FakeService, client: Client) -> None:
+    service.will(ok(SESSION), *[ok({"fixes": LAGGED, "next_cursor": cursor}) for cursor in ("1", None)], ok({}), ok({}))
+    fixes = client.resume_session("ses_1").positions(kind="fixed_lag")
+    assert fixes.kind == (FixKind.FIXED_LAG,) * 2
+    assert [request.url.params["kind"] for request in service.requests[1:]] == ["fixed_lag"] * 2
+    client.positions_geojson("ses_1", kind=FixKind.FIXED_LAG)
+    assert service.requests[-1].url.params["kind"] == "fixed_lag"
+    client.positions_geojson("ses_1")
+    assert "kind" not in service.requests[-1].url.params
+
+
+def test_positions_of_a_kind_awaited(service: FakeService) -> None:
+    async def run() -> tuple[FixKind, ...]:
+        async with service.async_client() as client:
+            session = await client.resume_session("ses_1")
+            return (await session.positions(seq=1, kind=FixKind.FIXED_LAG)).kind
+
+    service.will(ok(SESSION), ok({"fixes": LAGGED, "next_cursor": None}))
+    assert asyncio.run(run()) == (FixKind.FIXED_LAG,)
+    assert dict(service.requests[1].url.params) == {"seq": "1", "kind": "fixed_lag", "limit": "500"}
 
 
 TRAJECTORY = {"session_id": "ses_1", "map_id": "map_1", "method": "particle", "kind": "smoothed", "fixes": FIXES}

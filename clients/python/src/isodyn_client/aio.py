@@ -16,7 +16,7 @@ from isodyn_client.connection import Connection
 from isodyn_client.encoding import Encoding
 from isodyn_client.fixes import Fixes
 from isodyn_client.flows import Flow, Flows, Pause, Send
-from isodyn_client.models import Prior, SessionInfo
+from isodyn_client.models import FixKind, Prior, SessionInfo
 from isodyn_client.results import SegmentResult
 from isodyn_client.retry import RetryPolicy
 from isodyn_client.samples import SEGMENT_S, Samples
@@ -292,9 +292,9 @@ class AsyncSession:
         """Wait until segment ``seq`` is processed."""
         return await self._client.wait_for_segment(self.id, seq, timeout=timeout)
 
-    async def positions(self, *, seq: int | None = None) -> Fixes:
-        """All fixes so far (or those of one segment) as arrays."""
-        return await self._client.positions(self.id, seq=seq)
+    async def positions(self, *, seq: int | None = None, kind: FixKind | str | None = None) -> Fixes:
+        """All fixes so far (or those told with one segment) as arrays; see :meth:`Client.positions` for ``kind``."""
+        return await self._client.positions(self.id, seq=seq, kind=kind)
 
     async def trajectory(self) -> Fixes:
         """The smoothed trajectory from all segments processed so far: better than positions, but only afterwards."""

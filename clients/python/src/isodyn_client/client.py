@@ -16,7 +16,7 @@ from isodyn_client.connection import Connection
 from isodyn_client.encoding import Encoding
 from isodyn_client.fixes import Fixes
 from isodyn_client.flows import Flow, Flows, Pause, Send
-from isodyn_client.models import Prior, SessionInfo
+from isodyn_client.models import FixKind, Prior, SessionInfo
 from isodyn_client.results import SegmentResult
 from isodyn_client.retry import RetryPolicy
 from isodyn_client.samples import SEGMENT_S, Samples
@@ -302,9 +302,9 @@ class Session:
         """Wait until segment ``seq`` is processed."""
         return self._client.wait_for_segment(self.id, seq, timeout=timeout)
 
-    def positions(self, *, seq: int | None = None) -> Fixes:
-        """All fixes so far (or those of one segment) as arrays."""
-        return self._client.positions(self.id, seq=seq)
+    def positions(self, *, seq: int | None = None, kind: FixKind | str | None = None) -> Fixes:
+        """All fixes so far (or those told with one segment) as arrays; see :meth:`Client.positions` for ``kind``."""
+        return self._client.positions(self.id, seq=seq, kind=kind)
 
     def trajectory(self) -> Fixes:
         """The smoothed trajectory from all segments processed so far: better than positions, but only afterwards."""

@@ -29,6 +29,7 @@ from isodyn_client.models import (
     Device,
     Extent,
     FeatureSet,
+    FixKind,
     Job,
     JobState,
     Level,
@@ -376,20 +377,25 @@ def segments(session_id: str) -> Listing[SegmentInfo]:
 
 
 def position_page(
-    session_id: str, *, seq: int | None = None, cursor: str | None = None, limit: int = 500
+    session_id: str,
+    *,
+    seq: int | None = None,
+    kind: FixKind | str | None = None,
+    cursor: str | None = None,
+    limit: int = 500,
 ) -> Call[PositionPage]:
-    """One page of the fixes of a session, oldest first."""
-    params = present({"seq": seq, "cursor": cursor, "limit": limit})
+    """One page of the fixes of a session (``filtered`` unless a kind is named), oldest first."""
+    params = present({"seq": seq, "kind": kind, "cursor": cursor, "limit": limit})
     return Call("GET", f"/v1/sessions/{session_id}/positions", as_model(PositionPage), params=params)
 
 
-def positions_geojson(session_id: str, *, seq: int | None = None) -> Call[bytes]:
-    """The first 500 fixes as GeoJSON in WGS 84; the venue needs an anchor."""
+def positions_geojson(session_id: str, *, seq: int | None = None, kind: FixKind | str | None = None) -> Call[bytes]:
+    """The first 500 fixes (``filtered`` unless a kind is named) as GeoJSON in WGS 84; the venue needs an anchor."""
     return Call(
         "GET",
         f"/v1/sessions/{session_id}/positions",
         as_bytes,
-        params=present({"seq": seq, "limit": 500}),
+        params=present({"seq": seq, "kind": kind, "limit": 500}),
         headers={"Accept": "application/geo+json"},
     )
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BeforeValidator
 
-from isodyn_client.models import Ellipse, Hypothesis, Model, Status
+from isodyn_client.models import Ellipse, FixKind, Hypothesis, Model, Status
 
 Float64Array = NDArray[np.float64]
 
@@ -27,6 +27,7 @@ class FixColumns(Model):
     """Fixes as the service sends them: one list per column."""
 
     t_ms: tuple[float, ...]
+    kind: tuple[FixKind, ...]
     x: tuple[float, ...]
     y: tuple[float, ...]
     cov_xx: tuple[float, ...]
@@ -48,6 +49,8 @@ class Fixes:
     Attributes
     ----------
     t_ms : array, Unix ms
+    kind : tuple of FixKind
+        Which samples each rests on.
     x, y : array, m, level frame
     cov_xx, cov_xy, cov_yy : array, m^2
         Covariance; its 95 % ellipse is the service's promise.
@@ -65,6 +68,7 @@ class Fixes:
     """
 
     t_ms: Float64Array
+    kind: tuple[FixKind, ...]
     x: Float64Array
     y: Float64Array
     cov_xx: Float64Array
@@ -86,6 +90,7 @@ class Fixes:
         """Arrays from an answer."""
         return cls(
             **{name: np.array(getattr(columns, name), dtype=np.float64) for name in _FLOATS},
+            kind=columns.kind,
             status=columns.status,
             sure=np.array(columns.sure, dtype=np.bool_),
             level_id=columns.level_id,
@@ -97,6 +102,7 @@ class Fixes:
         """Several stretches as one, in the order given."""
         return cls(
             **{name: np.concatenate([np.zeros(0), *(getattr(part, name) for part in parts)]) for name in _FLOATS},
+            kind=tuple(kind for part in parts for kind in part.kind),
             status=tuple(status for part in parts for status in part.status),
             sure=np.concatenate([np.zeros(0, dtype=np.bool_), *(part.sure for part in parts)]),
             level_id=tuple(level for part in parts for level in part.level_id),

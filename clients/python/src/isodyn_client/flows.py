@@ -26,7 +26,7 @@ from isodyn_client.errors import (
     problem_from,
 )
 from isodyn_client.fixes import Fixes
-from isodyn_client.models import FeatureSet, Job, JobState, MapInfo
+from isodyn_client.models import FeatureSet, FixKind, Job, JobState, MapInfo
 from isodyn_client.results import SegmentResult
 from isodyn_client.retry import RetryPolicy, retry_after
 
@@ -136,12 +136,16 @@ class Flows:
             yield from self._until(call, lambda found: found.state.final, f"segment {seq} of {session_id}", timeout)
         )
 
-    def positions(self, session_id: str, *, seq: int | None = None) -> Flow[Fixes]:
-        """All fixes of a session (or of one segment) as arrays."""
+    def positions(self, session_id: str, *, seq: int | None = None, kind: FixKind | str | None = None) -> Flow[Fixes]:
+        """All fixes of a session (or those told with one segment) as arrays.
+
+        ``filtered`` ones are the answers of the moment; with ``kind="fixed_lag"`` each step as it was told about five
+        seconds later, better known.
+        """
         parts: list[Fixes] = []
         cursor: str | None = None
         while True:
-            page = yield from self.exchange(endpoints.position_page(session_id, seq=seq, cursor=cursor))
+            page = yield from self.exchange(endpoints.position_page(session_id, seq=seq, kind=kind, cursor=cursor))
             parts.append(page.fixes)
             cursor = page.next_cursor
             if cursor is None:

@@ -44,6 +44,14 @@ class Status(StrEnum):
     DISTURBED = "disturbed"
 
 
+class FixKind(StrEnum):
+    """Which samples a fix rests on, seen from its time: those up to it, also those of about 5 s after it, or all."""
+
+    FILTERED = "filtered"
+    FIXED_LAG = "fixed_lag"
+    SMOOTHED = "smoothed"
+
+
 class JobState(StrEnum):
     """Where a job stands; ``done``, ``failed`` and ``cancelled`` are final."""
 
@@ -286,6 +294,7 @@ class Position(Model):
     """One fix as an object, with its 95 % ellipse."""
 
     t_ms: float
+    kind: FixKind
     level_id: str
     x: float
     y: float

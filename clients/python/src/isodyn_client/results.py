@@ -36,16 +36,22 @@ class SegmentInfo(_WithFixes):
 
 
 class SegmentResult(SegmentInfo):
-    """Where a segment stands; ``fixes`` and ``position`` (the last fix) are there once it is processed."""
+    """Where a segment stands; what came of it is there once it is processed.
+
+    ``position`` is the last of the ``fixes``; ``fixed_lag`` are steps some seconds back, told once more with what came
+    since, each step once.
+    """
 
     fixes: FixArrays | None = None
+    fixed_lag: FixArrays | None = None
     position: Position | None = None
 
 
 class LocateResult(_WithFixes):
-    """Answer to a one-shot location."""
+    """Answer to a one-shot location; ``fixed_lag`` as in :class:`SegmentResult`."""
 
     fixes: FixArrays
+    fixed_lag: FixArrays
     position: Position | None = None
     map_id: str | None = None
     maps: tuple[LevelMap, ...] = ()
@@ -64,7 +70,7 @@ class Trajectory(_WithFixes):
 
 
 class PositionPage(_WithFixes):
-    """One page of a session's fixes; ``number`` counts them, ``seq`` is the segment each came from."""
+    """One page of a session's fixes of a kind; ``number`` counts them, ``seq`` is the segment each was told with."""
 
     number: tuple[int, ...] = ()
     seq: tuple[int, ...] = ()
