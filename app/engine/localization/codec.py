@@ -19,7 +19,7 @@ from app.engine.inertial.pressure import Barometer
 from app.engine.inertial.wheels import Odometer
 from app.engine.types import DeviceCalibration, PressureReadings, Prior, SpeedReadings, StepCounts
 
-VERSION = 2
+VERSION = 3
 
 
 def pack(values: dict[str, Any]) -> bytes:

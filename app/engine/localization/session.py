@@ -24,6 +24,7 @@ from app.engine.localization.aids import (
 )
 from app.engine.localization.integrity import Integrity
 from app.engine.localization.profile import profile_from, profile_values
+from app.engine.localization.trail import Trail, trail_from, trail_values
 from app.engine.types import DeviceCalibration, FeatureSet, Prior
 
 _LOST = 1e-12
@@ -31,7 +32,7 @@ _LOST = 1e-12
 
 @dataclass(slots=True)
 class Track:
-    """Place known: level, heading at the last step (free azimuth, rad), particles, estimate."""
+    """Place known: level, heading at the last step (free azimuth, rad), particles, estimate, newest steps."""
 
     level_id: str
     features: FeatureSet
@@ -39,6 +40,7 @@ class Track:
     cloud: Cloud
     estimate: Estimate
     integrity: Integrity
+    trail: Trail = field(default_factory=Trail)
 
     def calibration(self) -> DeviceCalibration | None:
         """What the particles say of the device; None if their offsets are not those of three axes."""
@@ -60,7 +62,8 @@ class SessionState:
     """Tracker state, decoded. ``count`` segments have been taken.
 
     Before the first there is neither ``pedestrian`` nor ``track`` nor ``quest``; then the session is on a quest until
-    its place is known, and on a track from there. ``beginning`` is not kept: it is the track's first moment, known once
+    its place is known, and on a track from there, unless
+    that is found lost (``losses`` times so far). ``beginning`` is not kept: it is the track's first moment, known once
     the quest has ended.
     """
 
@@ -73,6 +76,7 @@ class SessionState:
     aids: AidMemory = field(default_factory=AidMemory)
     travelled_m: float = 0.0
     barometer: Barometer = field(default_factory=Barometer)
+    losses: int = 0
     beginning: Track | None = None
 
     def encode(self) -> bytes:
@@ -80,6 +84,7 @@ class SessionState:
         track, quest, pedestrian = self.track, self.quest, self.pedestrian
         values: dict[str, Any] = {"prior": codec.prior_values(self.prior), "seed": self.seed, "count": self.count}
         values["aids"], values["travelled_m"] = memory_values(self.aids), self.travelled_m
+        values["losses"] = self.losses
         values["barometer"] = codec.barometer_values(self.barometer)
         if pedestrian is not None:
             values["pedestrian"] = codec.pedestrian_values(pedestrian)
@@ -92,6 +97,7 @@ class SessionState:
                 "moved": track.cloud.moved,
                 "estimate": asdict(track.estimate),
                 "integrity": asdict(track.integrity),
+                "trail": trail_values(track.trail),
             }
         if quest is not None:
             events = None if quest.events is None else profile_values(quest.events)
@@ -109,7 +115,7 @@ class SessionState:
         values = codec.unpack(payload)
         session = cls(codec.prior_from(values["prior"]), values["seed"], values["count"])
         session.aids, session.travelled_m = memory_from(values["aids"]), values["travelled_m"]
-        session.barometer = codec.barometer_from(values["barometer"])
+        session.barometer, session.losses = codec.barometer_from(values["barometer"]), values["losses"]
         if "pedestrian" in values:
             session.pedestrian = codec.pedestrian_state(values["pedestrian"])
         if "track" in values:
@@ -121,6 +127,7 @@ class SessionState:
                 cloud=Cloud(track["particles"], track["moved"]),
                 estimate=Estimate(**track["estimate"]),
                 integrity=Integrity(**track["integrity"]),
+                trail=trail_from(track["trail"]),
             )
         if "quest" in values:
             quest = values["quest"]

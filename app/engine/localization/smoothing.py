@@ -38,7 +38,8 @@ def smooth_session(
     The genealogy of the particles is followed back from the end (Kitagawa 1996, doi:10.2307/1390750). Lines merge going
     back, so more particles are used than for tracking. After a gap between segments the filter draws its particles
     anew, so nothing is followed across it: each stretch between gaps is smoothed for itself. So it is after a change of
-    level, where the place is searched anew.
+    level, where the place is searched anew, and where a track was found lost; of a lost stretch nothing is claimed, as
+    nobody knows since when it was.
     """
     n = SMOOTHING_PARTICLES  # whatever tracking uses: half an hour of them takes 200 MB
     wide = ParticleTracker(
@@ -55,9 +56,12 @@ def smooth_session(
         if _interrupts(session, segment, map_source):
             fixes += stretch.smooth(wide)
             stretch = _Stretch()
-        searching = session.quest is not None or session.pedestrian is None
+        searching, losses = session.quest is not None or session.pedestrian is None, session.losses
         stretch.walk(wide, session, segment, map_source)
-        if searching and session.beginning is not None:
+        if session.losses > losses:  # the segment's steps are of the lost track, its last fix is of the search
+            fixes += stretch.smooth(wide)
+            stretch = _Stretch()
+        elif searching and session.beginning is not None:
             stretch = stretch.retrace(wide, session, map_source)
     return (*fixes, *stretch.smooth(wide))
 
@@ -82,16 +86,19 @@ class _Stretch:
     def walk(self, tracker: ParticleTracker, session: SessionState, segment: Segment, map_source: MapSource) -> None:
         """Go on by one segment."""
         self.segments.append(segment)
-        told = list[Fix]()
+        told, losses, followed = list[Fix](), session.losses, session.track
         for fix, moved in tracker.walk(session, segment, map_source):
             if moved is None:
                 told.append(fix)
                 continue
-            if session.track is not None:
-                self.steps.append(_record(fix, moved, session.track.integrity))
+            followed = session.track
+            if followed is not None:
+                self.steps.append(_record(fix, moved, followed.integrity))
             self.weights = moved.weighted.p[14].astype(np.float64)
         self.searched += told[:-1]  # the last belongs to no step
         self.track = session.track
+        if session.losses > losses and followed is not None:
+            self.track = replace(followed, integrity=replace(followed.integrity, doubted=True))
 
     def retrace(self, tracker: ParticleTracker, session: SessionState, map_source: MapSource) -> _Stretch:
         """The same stretch from its beginning, now that the search has told where that was.
@@ -144,8 +151,8 @@ def _trace_back(
             cov_yy=float(weights @ (y - my) ** 2),
         )
         cov_xx, cov_xy, cov_yy = calibrate(estimate, policy)
-        # what lay about the step then; that the place was found later counts for all of them
-        integrity = replace(step.integrity, settled=track.integrity.settled)
+        # what lay about the step then; that the place was found later, or lost, counts for all of them
+        integrity = replace(step.integrity, settled=track.integrity.settled, doubted=track.integrity.doubted)
         verdict = judge(estimate, integrity, tracker.policy)
         fixes.append(
             replace(

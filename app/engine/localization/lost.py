@@ -1,0 +1,203 @@
+"""Whether a session that is tracked is where it is tracked.
+
+A prior may name the wrong door, particles may slip into the corridor beside, and a tracker keeps what it has: none of
+its particles is where the walker is. So the newest steps are kept (:mod:`app.engine.localization.trail`), and a running
+measure tells how badly the tracked particles explain the field. Where it is bad, two explanations of the kept steps are
+weighed against each other with the search's likelihood: that the walk began where it was tracked then *and* ended where
+it is tracked now, or that it took place elsewhere. The second one has the whole map to begin on, and so pays for each
+place it does not end at: a good fit by chance somewhere is expected among so many places, and does not count as more
+(the Bayes factor's own Occam factor; Kass and Raftery 1995, doi:10.1080/01621459.1995.10476572, section 3).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from app.engine.filtering import Estimate, FilterGrid, ParticleNoise
+from app.engine.inertial import StepEvents
+from app.engine.localization.aids import Evidence, Sighting
+from app.engine.localization.initial import InitialSpread
+from app.engine.localization.integrity import spread
+from app.engine.localization.search import Found, SearchPolicy, search
+from app.engine.localization.session import Quest, SessionState, Track
+from app.engine.localization.trail import Trail
+from app.engine.types import DeviceCalibration, FeatureSet, Prior
+
+_NONE = 1e-12
+
+
+@dataclass(frozen=True, slots=True)
+class LostPolicy:
+    """When a track is checked and when it is lost; fitted on survey walks with true and with wrong priors.
+
+    Attributes
+    ----------
+    memory_m : float, m
+        Over which the misfit is smoothed.
+    misfit : float, nats per step
+        From here on the track is checked.
+    least : int
+        Steps that a check needs.
+    pause : int
+        Steps between two checks, doubled by each one that finds nothing, up to four times.
+    particles, cold_particles : int
+        Particles on the tracked place, and on all there is. Too few to find every place with, but a place that they
+        miss only leaves the track as it is.
+    start_m : float, m
+        The walk began within this radius and two spreads of where it was tracked.
+    near_m : float, m
+        It ended there if it ended within this radius and two spreads.
+    slack : float, nats per step
+        By which elsewhere may fit better all the same: what the map errs by, and the walker, is alike along a walk,
+        so that likelihoods differ by more than the search's noise says.
+    doubted : float, nats
+        Log odds of elsewhere, beyond the slack, from which on nothing is claimed.
+    lost : float, nats
+        Log odds of elsewhere, beyond the slack, from which on the track is given up.
+    seen, known : float
+        Share of mapped ground under the kept steps from which on a track is checked, and may be given up: how well
+        unmapped ground explains a reading rests on the variogram alone, which is no ground for a verdict.
+    """
+
+    memory_m: float = 10.0
+    misfit: float = 0.3
+    least: int = 16
+    pause: int = 15
+    particles: int = 3000
+    cold_particles: int = 30_000
+    start_m: float = 3.0
+    near_m: float = 5.0
+    slack: float = 0.1
+    doubted: float = 1.5
+    lost: float = 5.0
+    seen: float = 0.35
+    known: float = 0.7
+
+
+class Watch:
+    """Watches a track through the steps of a segment."""
+
+    def __init__(self, track: Track, grid: FilterGrid, noise: ParticleNoise, policy: LostPolicy) -> None:
+        self._grid, self._noise, self._policy = grid, noise, policy
+        self._misfit = track.trail.misfit
+        self._places: list[tuple[float, float, float, float]] = []
+
+    def before(self, estimate: Estimate) -> None:
+        """Take the estimate from which a step is about to be made."""
+        self._places.append((estimate.x, estimate.y, spread(estimate), estimate.mapped))
+
+    def after(self, estimate: Estimate, events: StepEvents, i: int) -> None:
+        """Take the estimate that step ``i`` has led to."""
+        if events.disturbed[i] or estimate.mapped < 0.5:
+            return
+        stride = float(events.stride[i])
+        keep = float(np.exp(-stride / self._policy.memory_m))
+        self._misfit = keep * self._misfit + (1.0 - keep) * misfit(estimate, self._grid, self._noise, stride)
+
+    def keep(self, track: Track, events: StepEvents, seen: Sequence[Sighting], *, away: bool) -> None:
+        """Leave the segment's steps and sightings with the track; on another level they are no evidence, nor is what
+        came before."""
+        kept = track.trail.walked(events, self._places, self._misfit).heard(seen)
+        track.trail = Trail() if away else kept
+
+
+def misfit(estimate: Estimate, grid: FilterGrid, noise: ParticleNoise, stride: float) -> float:
+    """What a step's likelihood lacks of that of a reading right on the map, nats.
+
+    The likelihood of a reading depends on how well the ground is surveyed: its logarithm is compared with that of the
+    density's peak, from the variance of the whitened residual at the estimate (see the kernel's ``whitening``).
+    """
+    node = grid.lookup(np.array([estimate.x]), np.array([estimate.y]))[0]
+    rho_map, rho_noise = (np.exp(-max(stride, 0.01) / m) for m in (noise.map_correlation_m, noise.correlation_m))
+    log_peak = 0.0
+    for variance, sd, channels in zip((node[3], node[4]), grid.noise_sd, _channels(grid.features), strict=True):
+        noise_var = (noise.field * sd) ** 2
+        total = float(variance) + noise_var
+        rho = (float(variance) * rho_map + noise_var * rho_noise) / total
+        log_peak -= 0.5 * channels * float(np.log(total * (1.0 - rho * rho)))
+    return log_peak - float(np.log(max(estimate.likelihood, 1e-30)))
+
+
+def _channels(features: FeatureSet) -> tuple[int, int]:
+    """How many channels have the horizontal variance, how many the vertical one."""
+    return {FeatureSet.VECTOR: (2, 1), FeatureSet.HV: (1, 1), FeatureSet.TOTAL: (0, 1)}[features]
+
+
+def suspected(track: Track, policy: LostPolicy) -> bool:
+    """Whether the track is to be checked now: it explains the field badly, or has not been cleared of a doubt."""
+    trail = track.trail
+    ready = len(trail.events) >= policy.least and trail.waiting == 0 and trail.mapped >= policy.seen
+    return ready and (trail.misfit > policy.misfit or track.integrity.doubted)
+
+
+@dataclass(frozen=True, slots=True)
+class Check:
+    """How a track's place is weighed against all others on ``grids``."""
+
+    grids: Mapping[str, FilterGrid]
+    evidence: Sequence[Evidence]
+    spread: InitialSpread
+    search: SearchPolicy
+    policy: LostPolicy
+
+    def log_odds(self, track: Track, calibration: DeviceCalibration | None, rng: np.random.Generator) -> float:
+        """Log odds that the kept steps took place elsewhere, before what is thought of it beforehand.
+
+        ``calibration`` is what was known of the device before the track: what a lost track has learned is wrong.
+        """
+        x, y, sd, _ = track.trail.places[0].tolist()
+        begin = Prior(track.level_id, x, y, self.policy.start_m + 2.0 * sd, calibration=calibration)
+        here = self._search(track, {track.level_id: self.grids[track.level_id]}, begin, self.policy.particles, rng)
+        there = self._search(track, self.grids, Prior(None, calibration=calibration), self.policy.cold_particles, rng)
+        still, also = self._near(track, here), self._near(track, there)
+        as_tracked = here.log_likelihood + float(np.log(max(still, _NONE)))
+        slipped = here.log_likelihood + float(np.log(max(1.0 - still, _NONE)))
+        elsewhere = there.log_likelihood + float(np.log(max(1.0 - also, _NONE)))
+        return max(slipped, elsewhere) - as_tracked
+
+    def _search(
+        self, track: Track, grids: Mapping[str, FilterGrid], prior: Prior, particles: int, rng: np.random.Generator
+    ) -> Found:
+        return search(
+            track.trail.events,
+            grids,
+            prior,
+            self.evidence,
+            particles=particles,
+            report=1,
+            spread=self.spread,
+            policy=self.search,
+            rng=rng,
+        )
+
+    def _near(self, track: Track, found: Found) -> float:
+        """Share of a search's particles that end where the track is now."""
+        if found.level_id != track.level_id:
+            return 0.0
+        p, e = found.cloud.p, track.estimate
+        near = np.hypot(p[0] - e.x, p[1] - e.y) <= self.policy.near_m + 2.0 * spread(e)
+        return float(p[14][near].sum(dtype=np.float64) / p[14].sum(dtype=np.float64))
+
+
+def convict(track: Track, log_odds: float, policy: LostPolicy) -> bool:
+    """What follows from the odds of a check: whether the track is lost, else whether it is doubted and when to check it
+    again."""
+    beyond = log_odds - policy.slack * len(track.trail.events)
+    doubted = beyond > policy.doubted
+    if beyond > policy.lost and track.trail.mapped >= policy.known:
+        return True
+    pause = policy.pause if doubted else min(max(2 * track.trail.pause, policy.pause), 4 * policy.pause)
+    track.trail = replace(track.trail, waiting=pause, pause=pause)
+    track.integrity = replace(track.integrity, doubted=doubted)
+    return False
+
+
+def give_up(session: SessionState, track: Track) -> Quest:
+    """From a lost track to a quest that knows its newest steps, and of the device what was known before."""
+    prior = Prior(session.prior.level_id, calibration=session.prior.calibration)
+    quest = Quest(prior, track.trail.events, whole=False, sightings=track.trail.sightings)
+    session.track, session.quest, session.losses = None, quest, session.losses + 1
+    return quest
