@@ -8,16 +8,16 @@ import numpy as np
 import pytest
 
 from app.engine.filtering import Cloud, ParticleNoise, prepare_grid
-from app.engine.inertial import advance
+from app.engine.inertial import StepEvents, advance
 from app.engine.localization.aids import RadioSighting
 from app.engine.localization.initial import InitialSpread
-from app.engine.localization.integrity import IntegrityPolicy
-from app.engine.localization.lost import LostPolicy, misfit
+from app.engine.localization.integrity import Integrity, IntegrityPolicy
+from app.engine.localization.lost import LostPolicy, Watch, convict, misfit, suspected
 from app.engine.localization.particle import ParticleTracker
 from app.engine.localization.profile import newest
 from app.engine.localization.radio import RadioScan
 from app.engine.localization.search import SearchPolicy, search
-from app.engine.localization.session import SessionState, estimate_of
+from app.engine.localization.session import SessionState, Track, estimate_of
 from app.engine.localization.smoothing import smooth_session
 from app.engine.localization.trail import SCANS, STEPS, Trail
 from app.engine.types import FeatureSet, Fix, GridMap, ImuSamples, Prior, Segment, Status
@@ -221,3 +221,89 @@ def test_a_track_that_may_not_be_lost_is_followed(field: Field, hall: GridMap) -
     assert session.track is not None
     assert session.track.integrity.doubted
     assert fixes[-1].status is Status.AMBIGUOUS
+
+
+class TestVerdict:
+    """Odds of elsewhere, beyond a slack of 0.1 nats a step, over 60 steps: what follows from them."""
+
+    @staticmethod
+    def tried(hall: GridMap, odds: float, *, mapped: float = 1.0, borne_out: bool = True) -> tuple[bool, Track]:
+        cloud = Cloud.empty(3)
+        trail = Trail(_steps(60), np.full((60, 4), mapped))
+        integrity = Integrity(settled=True, borne_out=borne_out)
+        estimate = estimate_of(cloud, prepare_grid(hall, FeatureSet.VECTOR))
+        track = Track("sim", FeatureSet.VECTOR, 0.0, cloud, estimate, integrity, trail)
+        return convict(track, odds + 6.0, LostPolicy()), track
+
+    @pytest.mark.parametrize(
+        ("odds", "before", "lost", "doubted", "borne_out"),
+        [
+            (-2.0, False, False, False, True),
+            (0.0, False, False, False, False),
+            (0.0, True, False, False, True),
+            (2.0, True, False, True, False),
+            (6.0, True, True, False, True),
+        ],
+    )
+    def test_follows_from_the_odds(
+        self, hall: GridMap, odds: float, before: bool, lost: bool, doubted: bool, borne_out: bool
+    ) -> None:
+        found, track = self.tried(hall, odds, borne_out=before)
+        assert (found, track.integrity.doubted, track.integrity.borne_out) == (lost, doubted, borne_out)
+
+    def test_unmapped_ground_is_no_ground_for_a_verdict(self, hall: GridMap) -> None:
+        assert not self.tried(hall, 12.0, mapped=0.5)[0]
+        assert self.tried(hall, 16.0, mapped=0.5)[0]
+
+    def test_a_track_that_is_borne_out_is_checked_more_and_more_seldom(self, hall: GridMap) -> None:
+        _, track = self.tried(hall, -5.0)
+        pauses = [track.trail.pause]
+        for _ in range(4):
+            convict(track, 0.0, LostPolicy())
+            pauses.append(track.trail.pause)
+        assert pauses == [15, 30, 60, 60, 60]
+        convict(track, 8.0, LostPolicy())
+        assert track.trail.pause == 15
+
+    def test_nothing_is_sure_before_it_is_borne_out(self, field: Field, hall: GridMap) -> None:
+        walk = walk_through(HERE, field, np.random.default_rng(3))
+        fixes, session = fixes_of(walk, hall, Prior("sim", 6.0, 7.0, 3.0))
+        first = next(i for i, fix in enumerate(fixes) if fix.sure)
+        assert first >= LostPolicy().least
+        assert session.track is not None
+        assert session.track.integrity.borne_out
+        assert any(fix.status is Status.OK for fix in fixes[:first])
+
+
+def test_a_scan_that_fits_elsewhere_makes_a_track_suspect(hall: GridMap) -> None:
+    grid, cloud = prepare_grid(hall, FeatureSet.VECTOR), Cloud.empty(3)
+    track = Track("sim", FeatureSet.VECTOR, 0.0, cloud, estimate_of(cloud, grid), Integrity(borne_out=True))
+    watched = Watch(track, grid, ParticleNoise(), LostPolicy())
+    assert not watched.heard(None)
+    assert watched.heard(4.0)
+    events = _steps(20)
+    for i in range(20):
+        watched.before(replace(track.estimate, mapped=1.0))
+        watched.after(replace(track.estimate, mapped=0.0), events, i)  # the field tells nothing here
+    watched.keep(track, events, (), away=False)
+    assert suspected(track, LostPolicy())
+
+
+def _steps(n: int) -> StepEvents:
+    flags = np.zeros(n, dtype=bool)
+    number = np.zeros(n)
+    return StepEvents(
+        np.arange(float(n)), number, number, number, np.zeros((n, 3)), number, flags, flags, number, flags
+    )
+
+
+def test_on_another_level_the_trail_ends(hall: GridMap) -> None:
+    """What was walked there, and before, is no evidence about this one."""
+    grid, cloud = prepare_grid(hall, FeatureSet.VECTOR), Cloud.empty(3)
+    track = Track("sim", FeatureSet.VECTOR, 0.0, cloud, estimate_of(cloud, grid), Integrity())
+    for away, kept in ((False, 5), (False, 10), (True, 0)):
+        watched = Watch(track, grid, ParticleNoise(), LostPolicy())
+        for _ in range(5):
+            watched.before(track.estimate)
+        watched.keep(track, _steps(5), (), away=away)
+        assert len(track.trail.events) == len(track.trail.places) == kept

@@ -88,6 +88,8 @@ class Integrity:
         Share of steps whose field was disturbed, smoothed.
     doubted : bool
         Whether the newest steps fit better elsewhere (see :mod:`app.engine.localization.lost`).
+    borne_out : bool
+        Whether newest steps have been found to fit better here than elsewhere. Until then a prior is all there is.
     """
 
     walked_m: float = 0.0
@@ -95,6 +97,7 @@ class Integrity:
     settled: bool = False
     disturbed: float = 0.0
     doubted: bool = False
+    borne_out: bool = False
 
     def away(self) -> Integrity:
         """On another level than the map's."""
@@ -153,7 +156,7 @@ def judge(estimate: Estimate, integrity: Integrity, policy: IntegrityPolicy) -> 
         return Verdict(Status.DISTURBED, quality * 0.5, sure=False, walk_on_m=None)
     if integrity.doubted:
         return Verdict(Status.AMBIGUOUS, quality * 0.5, sure=False, walk_on_m=max(sigma, WALK_ON_M))
-    return Verdict(Status.OK, quality, sigma <= policy.sure_m, walk_on_m=None)
+    return Verdict(Status.OK, quality, sigma <= policy.sure_m and integrity.borne_out, walk_on_m=None)
 
 
 def confirmed(beliefs: Sequence[Belief], walked_m: float, policy: IntegrityPolicy) -> bool:

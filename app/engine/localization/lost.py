@@ -39,13 +39,18 @@ class LostPolicy:
         Over which the misfit is smoothed.
     misfit : float, nats per step
         From here on the track is checked.
+    radio : float
+        What a scan (or a satellite fix) adds to the misfit, per nat by which the particles explain it worse than the
+        best place.
     least : int
         Steps that a check needs.
     pause : int
         Steps between two checks, doubled by each one that finds nothing, up to four times.
-    particles, cold_particles : int
-        Particles on the tracked place, and on all there is. Too few to find every place with, but a place that they
-        miss only leaves the track as it is.
+    particles, first_particles, cold_particles : int
+        Particles on the tracked place, and on all there is: at first, and where these leave it open. The first are too
+        few to find every place with; a place that they miss leaves the track as it is.
+    open : float, nats
+        Log odds of elsewhere, beyond the slack, from which on it is open.
     start_m : float, m
         The walk began within this radius and two spreads of where it was tracked.
     near_m : float, m
@@ -53,28 +58,39 @@ class LostPolicy:
     slack : float, nats per step
         By which elsewhere may fit better all the same: what the map errs by, and the walker, is alike along a walk,
         so that likelihoods differ by more than the search's noise says.
+    borne_out : float, nats
+        Log odds of elsewhere, beyond the slack, up to which a check bears the track out.
     doubted : float, nats
         Log odds of elsewhere, beyond the slack, from which on nothing is claimed.
     lost : float, nats
         Log odds of elsewhere, beyond the slack, from which on the track is given up.
-    seen, known : float
-        Share of mapped ground under the kept steps from which on a track is checked, and may be given up: how well
-        unmapped ground explains a reading rests on the variogram alone, which is no ground for a verdict.
+    seen : float
+        Share of mapped ground under the kept steps from which on a track is checked.
+    known : float
+        Share of mapped ground below which a track is only given up by greater odds: how well unmapped ground explains
+        a reading rests on the variogram alone.
+    unknown : float, nats
+        By how much greater, per share of mapped ground that is missing.
     """
 
     memory_m: float = 10.0
     misfit: float = 0.3
+    radio: float = 0.1
     least: int = 16
     pause: int = 15
     particles: int = 3000
-    cold_particles: int = 30_000
+    first_particles: int = 20_000
+    cold_particles: int = 80_000
+    open: float = -3.0
     start_m: float = 3.0
     near_m: float = 5.0
     slack: float = 0.1
+    borne_out: float = -1.0
     doubted: float = 1.5
     lost: float = 5.0
     seen: float = 0.35
     known: float = 0.7
+    unknown: float = 50.0
 
 
 class Watch:
@@ -96,6 +112,11 @@ class Watch:
         stride = float(events.stride[i])
         keep = float(np.exp(-stride / self._policy.memory_m))
         self._misfit = keep * self._misfit + (1.0 - keep) * misfit(estimate, self._grid, self._noise, stride)
+
+    def heard(self, lack: float | None) -> bool:
+        """Take by how much a sighting is explained worse than at the best place, if it tells anything; whether so."""
+        self._misfit += 0.0 if lack is None else self._policy.radio * lack
+        return lack is not None
 
     def keep(self, track: Track, events: StepEvents, seen: Sequence[Sighting], *, away: bool) -> None:
         """Leave the segment's steps and sightings with the track; on another level they are no evidence, nor is what
@@ -127,10 +148,10 @@ def _channels(features: FeatureSet) -> tuple[int, int]:
 
 
 def suspected(track: Track, policy: LostPolicy) -> bool:
-    """Whether the track is to be checked now: it explains the field badly, or has not been cleared of a doubt."""
+    """Whether the track is to be checked now: it explains the field badly, or has not been borne out yet."""
     trail = track.trail
     ready = len(trail.events) >= policy.least and trail.waiting == 0 and trail.mapped >= policy.seen
-    return ready and (trail.misfit > policy.misfit or track.integrity.doubted)
+    return ready and (trail.misfit > policy.misfit or track.integrity.doubted or not track.integrity.borne_out)
 
 
 @dataclass(frozen=True, slots=True)
@@ -151,12 +172,17 @@ class Check:
         x, y, sd, _ = track.trail.places[0].tolist()
         begin = Prior(track.level_id, x, y, self.policy.start_m + 2.0 * sd, calibration=calibration)
         here = self._search(track, {track.level_id: self.grids[track.level_id]}, begin, self.policy.particles, rng)
-        there = self._search(track, self.grids, Prior(None, calibration=calibration), self.policy.cold_particles, rng)
-        still, also = self._near(track, here), self._near(track, there)
+        still = self._near(track, here)
         as_tracked = here.log_likelihood + float(np.log(max(still, _NONE)))
-        slipped = here.log_likelihood + float(np.log(max(1.0 - still, _NONE)))
-        elsewhere = there.log_likelihood + float(np.log(max(1.0 - also, _NONE)))
-        return max(slipped, elsewhere) - as_tracked
+        odds = here.log_likelihood + float(np.log(max(1.0 - still, _NONE))) - as_tracked  # of having slipped
+        anywhere = Prior(None, calibration=calibration)
+        for particles in (self.policy.first_particles, self.policy.cold_particles):
+            there = self._search(track, self.grids, anywhere, particles, rng)
+            elsewhere = there.log_likelihood + float(np.log(max(1.0 - self._near(track, there), _NONE)))
+            odds = max(odds, elsewhere - as_tracked)
+            if not self.policy.open < beyond(odds, track, self.policy) < self.policy.lost:
+                break
+        return odds
 
     def _search(
         self, track: Track, grids: Mapping[str, FilterGrid], prior: Prior, particles: int, rng: np.random.Generator
@@ -182,16 +208,22 @@ class Check:
         return float(p[14][near].sum(dtype=np.float64) / p[14].sum(dtype=np.float64))
 
 
+def beyond(log_odds: float, track: Track, policy: LostPolicy) -> float:
+    """Log odds beyond the slack of the kept steps."""
+    return log_odds - policy.slack * len(track.trail.events)
+
+
 def convict(track: Track, log_odds: float, policy: LostPolicy) -> bool:
-    """What follows from the odds of a check: whether the track is lost, else whether it is doubted and when to check it
-    again."""
-    beyond = log_odds - policy.slack * len(track.trail.events)
-    doubted = beyond > policy.doubted
-    if beyond > policy.lost and track.trail.mapped >= policy.known:
+    """What follows from the odds of a check: whether the track is lost, else what it may claim and when to check it
+    again. Odds that leave it open change nothing for a track that was borne out, and do not clear one of a doubt."""
+    odds = beyond(log_odds, track, policy)
+    if odds > policy.lost + policy.unknown * max(policy.known - track.trail.mapped, 0.0):
         return True
+    doubted = odds > policy.doubted
     pause = policy.pause if doubted else min(max(2 * track.trail.pause, policy.pause), 4 * policy.pause)
     track.trail = replace(track.trail, waiting=pause, pause=pause)
-    track.integrity = replace(track.integrity, doubted=doubted)
+    borne_out = not doubted and (track.integrity.borne_out or odds < policy.borne_out)
+    track.integrity = replace(track.integrity, doubted=doubted, borne_out=borne_out)
     return False
 
 

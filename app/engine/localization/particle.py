@@ -181,14 +181,14 @@ class ParticleTracker:
         waiting, watched = deque(seen), Watch(track, grid, self.noise, self.lost)
         for i in range(len(events)):
             while waiting and waiting[0].t <= events.t[i]:
-                weigh_by(track, evaluator, waiting.popleft())
+                watched.heard(weigh_by(track, evaluator, waiting.popleft()))
             watched.before(track.estimate)
             moved = self._advance(track, grid, events, i, rng)
             watched.after(track.estimate, events, i)
             if away:
                 track.integrity = track.integrity.away()
             yield self._fix(track, float(events.t[i])), moved
-        counted = [weigh_by(track, evaluator, sighting) for sighting in waiting]
+        counted = [watched.heard(weigh_by(track, evaluator, sighting)) for sighting in waiting]
         if any(counted):
             track.estimate = estimate_of(track.cloud, grid)
         session.aids = replace(session.aids, radio=replace(evaluator.memory, last_t=session.aids.radio.last_t))
@@ -310,7 +310,7 @@ class ParticleTracker:
         if confirmed(beliefs, walked, self.policy):
             cloud = found.cloud.thin(self.parameters.particles, float(rng.random()))
             cloud.p[:2] += self.policy.handover_m * rng.standard_normal((2, cloud.n)).astype(np.float32)
-            integrity, grid = Integrity(walked_m=walked, settled=True), grids[found.level_id]
+            integrity, grid = Integrity(walked_m=walked, settled=True, borne_out=True), grids[found.level_id]
             session.track = Track(
                 found.level_id, grid.features, float(quest.events.heading[-1]), cloud, beliefs[-1].estimate, integrity
             )
@@ -319,7 +319,12 @@ class ParticleTracker:
             if quest.whole:
                 e, first_heading = estimate_of(found.start, grid), float(quest.events.heading[0])
                 session.beginning = Track(
-                    found.level_id, grid.features, first_heading, found.start, e, Integrity(settled=True)
+                    found.level_id,
+                    grid.features,
+                    first_heading,
+                    found.start,
+                    e,
+                    Integrity(settled=True, borne_out=True),
                 )
 
     def _unstarted(

@@ -153,11 +153,17 @@ def learned_calibration(cloud: Cloud) -> DeviceCalibration:
     )
 
 
-def weigh_by(track: Track, evaluator: Evaluator, sighting: Sighting) -> bool:
-    """Let a sighting count for the particles of a track; False if it tells nothing. Weights stay normalized."""
+def weigh_by(track: Track, evaluator: Evaluator, sighting: Sighting) -> float | None:
+    """Let a sighting count for the particles of a track. Weights stay normalized.
+
+    Returns
+    -------
+    float or None, nats
+        By how much the particles explain it worse than the best place of their level; None if it tells nothing.
+    """
     evidence = evaluator.evidence(sighting)
     if evidence is None:
-        return False
+        return None
     before = track.cloud.p[14].copy()
     weigh_cloud(track.cloud, evidence, track.level_id, log_unit=top(evidence, (track.level_id,)))
     total = float(track.cloud.p[14].sum(dtype=np.float64))
@@ -165,7 +171,7 @@ def weigh_by(track: Track, evaluator: Evaluator, sighting: Sighting) -> bool:
         track.cloud.p[14] /= np.float32(total)
     else:  # it rules all particles out: evidence or track is wrong, and it is not for one reading to say which
         track.cloud.p[14] = before
-    return True
+    return -float(np.log(max(total, 1e-30)))
 
 
 def estimate_of(cloud: Cloud, grid: FilterGrid) -> Estimate:

@@ -152,7 +152,8 @@ def _trace_back(
         )
         cov_xx, cov_xy, cov_yy = calibrate(estimate, policy)
         # what lay about the step then; that the place was found later, or lost, counts for all of them
-        integrity = replace(step.integrity, settled=track.integrity.settled, doubted=track.integrity.doubted)
+        now = track.integrity
+        integrity = replace(step.integrity, settled=now.settled, doubted=now.doubted, borne_out=now.borne_out)
         verdict = judge(estimate, integrity, tracker.policy)
         fixes.append(
             replace(
