@@ -16,15 +16,16 @@ import numpy as np
 
 from app.engine.filtering import Cloud, FilterGrid, ParticleNoise, advance_cloud, prepare_grid
 from app.engine.inertial import StepEvents, advance
-from app.engine.localization import create_tracker
 from app.engine.localization.aids import Evaluator, RadioSighting
 from app.engine.localization.initial import InitialSpread
-from app.engine.localization.particle import ParticleParameters
+from app.engine.localization.lost import Check
+from app.engine.localization.particle import ParticleParameters, ParticleTracker
 from app.engine.localization.profile import newest
 from app.engine.localization.radio import RadioScan
 from app.engine.localization.search import SearchPolicy, search
+from app.engine.localization.session import SessionState
 from app.engine.mapping import Covariance, FieldLevel, FieldSamples, krige_grid
-from app.engine.types import FeatureSet, Prior, RadioMap, Segment
+from app.engine.types import FeatureSet, Prior, RadioMap, Segment, TrackerState
 from tests.engine.conftest import CORNERS, LevelMaps, OneMap
 from tests.support.walks import Field, cut, true_map, walk_through
 
@@ -75,18 +76,30 @@ def map_build() -> float:
 
 
 def segment() -> dict[str, float]:
-    """Milliseconds of a 5-s segment: motion alone, and the whole tracker."""
+    """Milliseconds of a 5-s segment: motion alone, the whole tracker, and a check of the track."""
     field = Field.random(np.random.default_rng(1))
     walk = walk_through(CORNERS, field, np.random.default_rng(2))
     source = OneMap(true_map(field, (0.0, 0.0, 42.0, 22.0)))
     pieces = cut(walk.samples, seconds=5.0)
-    tracker = create_tracker("particle")
-    state, _ = tracker.step(tracker.start(Prior("sim", 2.0, 2.0), seed=1), Segment(pieces[0]), source)
+    tracker = ParticleTracker()
+    state = tracker.start(Prior("sim", 2.0, 2.0), seed=1)
+    for piece in pieces[:5]:  # by then the prior has been checked
+        state, _ = tracker.step(state, Segment(piece), source)
     before, _ = advance(None, pieces[0])
     return {
         "motion_ms": 1e3 * median_cpu(lambda: advance(before, pieces[1]), repeat=20),
-        "segment_ms": 1e3 * median_cpu(lambda: tracker.step(state, Segment(pieces[1]), source), repeat=20),
+        "segment_ms": 1e3 * median_cpu(lambda: tracker.step(state, Segment(pieces[5]), source), repeat=20),
+        "check_ms": 1e3 * median_cpu(lambda: _check(tracker, state, source)),
     }
+
+
+def _check(tracker: ParticleTracker, state: TrackerState, source: OneMap) -> None:
+    """Weigh a track's newest steps against all other places of a level of 42 m x 22 m."""
+    track = SessionState.decode(state.payload).track
+    if track is not None:
+        grids = {"sim": prepare_grid(source.grid_map("sim"), FeatureSet.VECTOR)}
+        check = Check(grids, (), tracker.spread, tracker.search, tracker.lost)
+        check.log_odds(track, None, np.random.default_rng(0))
 
 
 def level_search(levels: int) -> float:

@@ -11,6 +11,7 @@ place it does not end at: a good fit by chance somewhere is expected among so ma
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -27,6 +28,8 @@ from app.engine.localization.trail import Trail
 from app.engine.types import DeviceCalibration, FeatureSet, Prior
 
 _NONE = 1e-12
+_CHANNELS = {FeatureSet.VECTOR: (2, 1), FeatureSet.HV: (1, 1), FeatureSet.TOTAL: (0, 1)}
+"""How many channels have the horizontal variance, how many the vertical one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,7 +113,7 @@ class Watch:
         if events.disturbed[i] or estimate.mapped < 0.5:
             return
         stride = float(events.stride[i])
-        keep = float(np.exp(-stride / self._policy.memory_m))
+        keep = math.exp(-stride / self._policy.memory_m)
         self._misfit = keep * self._misfit + (1.0 - keep) * misfit(estimate, self._grid, self._noise, stride)
 
     def heard(self, lack: float | None) -> bool:
@@ -131,20 +134,17 @@ def misfit(estimate: Estimate, grid: FilterGrid, noise: ParticleNoise, stride: f
     The likelihood of a reading depends on how well the ground is surveyed: its logarithm is compared with that of the
     density's peak, from the variance of the whitened residual at the estimate (see the kernel's ``whitening``).
     """
-    node = grid.lookup(np.array([estimate.x]), np.array([estimate.y]))[0]
-    rho_map, rho_noise = (np.exp(-max(stride, 0.01) / m) for m in (noise.map_correlation_m, noise.correlation_m))
+    rows, columns, _ = grid.nodes.shape
+    row = min(max(round((estimate.y - grid.y0) / grid.cell_m), 0), rows - 1)
+    column = min(max(round((estimate.x - grid.x0) / grid.cell_m), 0), columns - 1)
+    rho_map, rho_noise = (math.exp(-max(stride, 0.01) / m) for m in (noise.map_correlation_m, noise.correlation_m))
     log_peak = 0.0
-    for variance, sd, channels in zip((node[3], node[4]), grid.noise_sd, _channels(grid.features), strict=True):
-        noise_var = (noise.field * sd) ** 2
-        total = float(variance) + noise_var
-        rho = (float(variance) * rho_map + noise_var * rho_noise) / total
-        log_peak -= 0.5 * channels * float(np.log(total * (1.0 - rho * rho)))
-    return log_peak - float(np.log(max(estimate.likelihood, 1e-30)))
-
-
-def _channels(features: FeatureSet) -> tuple[int, int]:
-    """How many channels have the horizontal variance, how many the vertical one."""
-    return {FeatureSet.VECTOR: (2, 1), FeatureSet.HV: (1, 1), FeatureSet.TOTAL: (0, 1)}[features]
+    for layer, sd, channels in zip((3, 4), grid.noise_sd, _CHANNELS[grid.features], strict=True):
+        variance, noise_var = float(grid.nodes[row, column, layer]), (noise.field * sd) ** 2
+        total = variance + noise_var
+        rho = (variance * rho_map + noise_var * rho_noise) / total
+        log_peak -= 0.5 * channels * math.log(total * (1.0 - rho * rho))
+    return log_peak - math.log(max(estimate.likelihood, 1e-30))
 
 
 def suspected(track: Track, policy: LostPolicy) -> bool:
@@ -173,12 +173,12 @@ class Check:
         begin = Prior(track.level_id, x, y, self.policy.start_m + 2.0 * sd, calibration=calibration)
         here = self._search(track, {track.level_id: self.grids[track.level_id]}, begin, self.policy.particles, rng)
         still = self._near(track, here)
-        as_tracked = here.log_likelihood + float(np.log(max(still, _NONE)))
-        odds = here.log_likelihood + float(np.log(max(1.0 - still, _NONE))) - as_tracked  # of having slipped
+        as_tracked = here.log_likelihood + math.log(max(still, _NONE))
+        odds = here.log_likelihood + math.log(max(1.0 - still, _NONE)) - as_tracked  # of having slipped
         anywhere = Prior(None, calibration=calibration)
         for particles in (self.policy.first_particles, self.policy.cold_particles):
             there = self._search(track, self.grids, anywhere, particles, rng)
-            elsewhere = there.log_likelihood + float(np.log(max(1.0 - self._near(track, there), _NONE)))
+            elsewhere = there.log_likelihood + math.log(max(1.0 - self._near(track, there), _NONE))
             odds = max(odds, elsewhere - as_tracked)
             if not self.policy.open < beyond(odds, track, self.policy) < self.policy.lost:
                 break
