@@ -20,7 +20,7 @@ from app.engine.localization.search import SearchPolicy, search
 from app.engine.localization.session import SessionState, Track, estimate_of
 from app.engine.localization.smoothing import smooth_session
 from app.engine.localization.trail import SCANS, STEPS, Trail
-from app.engine.types import FeatureSet, Fix, GridMap, ImuSamples, Prior, Segment, Status
+from app.engine.types import FeatureSet, Fix, GridMap, ImuSamples, Prior, Segment, Status, TrackerState
 from tests.engine.conftest import OneMap
 from tests.support.walks import Field, SimulatedWalk, cut, true_map, walk_through
 
@@ -101,6 +101,16 @@ def test_between_loss_and_confirmation_nothing_is_claimed(field: Field, hall: Gr
             assert not fixes[-1].sure
             assert fixes[-1].hypotheses
     assert quests >= 1
+
+
+def test_a_doubted_track_teaches_nothing_of_the_device(field: Field, hall: GridMap) -> None:
+    walk = walk_through(HERE, field, np.random.default_rng(3), hard_iron=np.array([3.0, -2.0, 4.0]))
+    tracker = ParticleTracker()
+    _, session = fixes_of(walk, hall, Prior("sim", 6.0, 7.0, 3.0))
+    assert tracker.learned(TrackerState(tracker.method, session.encode())) is not None
+    assert session.track is not None
+    session.track.integrity = replace(session.track.integrity, borne_out=False)
+    assert tracker.learned(TrackerState(tracker.method, session.encode())) is None
 
 
 def test_right_tracks_are_kept(field: Field, hall: GridMap) -> None:
