@@ -109,7 +109,7 @@ def test_a_doubted_track_teaches_nothing_of_the_device(field: Field, hall: GridM
     _, session = fixes_of(walk, hall, Prior("sim", 6.0, 7.0, 3.0))
     assert tracker.learned(TrackerState(tracker.method, session.encode())) is not None
     assert session.track is not None
-    session.track.integrity = replace(session.track.integrity, borne_out=False)
+    session.track.integrity = replace(session.track.integrity, doubted=True)
     assert tracker.learned(TrackerState(tracker.method, session.encode())) is None
 
 

@@ -124,11 +124,11 @@ class ParticleTracker:
         return TrackerState(self.method, session.encode(), last_t), tuple(fixes)
 
     def learned(self, state: TrackerState) -> DeviceCalibration | None:
-        """Offset and stride as the particles have them, once the place is known and borne out."""
+        """Offset and stride as the particles have them, once the place is known and not doubted."""
         track = SessionState.decode(state.payload).track
         if track is None or track.integrity.walked_m < LEARN_M or spread(track.estimate) > self.policy.sure_m:
             return None
-        if not track.integrity.borne_out:  # at a wrong place it learns what makes that one fit
+        if track.integrity.doubted:  # at a wrong place it learns what makes that one fit
             return None
         return track.calibration()
 
