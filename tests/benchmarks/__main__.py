@@ -8,21 +8,25 @@ from __future__ import annotations
 import argparse
 import json
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from app.engine.filtering import Cloud, FilterGrid, ParticleNoise, advance_cloud, prepare_grid
-from app.engine.inertial import advance
-from app.engine.localization import create_tracker
+from app.engine.inertial import StepEvents, advance
+from app.engine.localization.aids import Evaluator, RadioSighting
 from app.engine.localization.initial import InitialSpread
-from app.engine.localization.particle import ParticleParameters
+from app.engine.localization.lost import Check
+from app.engine.localization.particle import ParticleParameters, ParticleTracker
 from app.engine.localization.profile import newest
+from app.engine.localization.radio import RadioScan
 from app.engine.localization.search import SearchPolicy, search
+from app.engine.localization.session import SessionState
 from app.engine.mapping import Covariance, FieldLevel, FieldSamples, krige_grid
-from app.engine.types import FeatureSet, Prior, Segment
-from tests.engine.conftest import CORNERS, OneMap
+from app.engine.types import FeatureSet, Prior, RadioMap, Segment, TrackerState
+from tests.engine.conftest import CORNERS, LevelMaps, OneMap
 from tests.support.walks import Field, cut, true_map, walk_through
 
 ROUNDS = 9
@@ -72,18 +76,30 @@ def map_build() -> float:
 
 
 def segment() -> dict[str, float]:
-    """Milliseconds of a 5-s segment: motion alone, and the whole tracker."""
+    """Milliseconds of a 5-s segment: motion alone, the whole tracker, and a check of the track."""
     field = Field.random(np.random.default_rng(1))
     walk = walk_through(CORNERS, field, np.random.default_rng(2))
     source = OneMap(true_map(field, (0.0, 0.0, 42.0, 22.0)))
     pieces = cut(walk.samples, seconds=5.0)
-    tracker = create_tracker("particle")
-    state, _ = tracker.step(tracker.start(Prior("sim", 2.0, 2.0), seed=1), Segment(pieces[0]), source)
+    tracker = ParticleTracker()
+    state = tracker.start(Prior("sim", 2.0, 2.0), seed=1)
+    for piece in pieces[:5]:  # by then the prior has been checked
+        state, _ = tracker.step(state, Segment(piece), source)
     before, _ = advance(None, pieces[0])
     return {
         "motion_ms": 1e3 * median_cpu(lambda: advance(before, pieces[1]), repeat=20),
-        "segment_ms": 1e3 * median_cpu(lambda: tracker.step(state, Segment(pieces[1]), source), repeat=20),
+        "segment_ms": 1e3 * median_cpu(lambda: tracker.step(state, Segment(pieces[5]), source), repeat=20),
+        "check_ms": 1e3 * median_cpu(lambda: _check(tracker, state, source)),
     }
+
+
+def _check(tracker: ParticleTracker, state: TrackerState, source: OneMap) -> None:
+    """Weigh a track's newest steps against all other places of a level of 42 m x 22 m."""
+    track = SessionState.decode(state.payload).track
+    if track is not None:
+        grids = {"sim": prepare_grid(source.grid_map("sim"), FeatureSet.VECTOR)}
+        check = Check(grids, (), tracker.spread, tracker.search, tracker.lost)
+        check.log_odds(track, None, np.random.default_rng(0))
 
 
 def level_search(levels: int) -> float:
@@ -91,16 +107,58 @@ def level_search(levels: int) -> float:
     field = Field.random(np.random.default_rng(1))
     walk = walk_through(np.array([[5.0, 5.0], [40.0, 5.0], [40.0, 30.0]]), field, np.random.default_rng(2))
     _, events = advance(None, walk.samples)
-    grid = prepare_grid(true_map(field, (0.0, 0.0, 100.0, 60.0)), FeatureSet.VECTOR)
-    grids = {str(k): grid for k in range(levels)}
+    source = LevelMaps({str(k): true_map(field, (0.0, 0.0, 100.0, 60.0), level_id=str(k)) for k in range(levels)})
+    return 1e3 * median_cpu(lambda: _search(newest(events, 60), source, ()), rounds=5)
 
-    def task() -> None:
-        search(
-            newest(events, 60), grids, Prior(None), particles=ParticleParameters().cold_particles, report=15,
-            spread=InitialSpread(), policy=SearchPolicy(), rng=np.random.default_rng(3),
-        )  # fmt: skip
 
-    return 1e3 * median_cpu(task, rounds=5)
+def radio_search(levels: int) -> tuple[float, float]:
+    """The same with a scan of 150 transmitters after every third step, on radio layers of 1,600 over 60 x 60 nodes.
+
+    First as a worker does that has seen the session's scans before, then as one that has not.
+    """
+    field, rng = Field.random(np.random.default_rng(1)), np.random.default_rng(4)
+    walk = walk_through(np.array([[5.0, 5.0], [40.0, 5.0], [40.0, 30.0]]), field, np.random.default_rng(2))
+    events = newest(advance(None, walk.samples)[1], 60)
+    names = tuple(f"{k:012x}" for k in range(1600))
+    maps = {str(k): true_map(field, (0.0, 0.0, 100.0, 60.0), level_id=str(k)) for k in range(levels)}
+    source = LevelMaps({level_id: replace(one, radio=_layer(names, rng)) for level_id, one in maps.items()})
+
+    def heard() -> list[RadioSighting]:
+        """Scans that nobody has seen before."""
+        return [RadioSighting(_scan(names, float(t), rng), 2.1 * k) for k, t in enumerate(events.t[1::3])]
+
+    seen = heard()
+    again = median_cpu(lambda: _search(events, source, seen), rounds=5)
+    first = median_cpu(lambda: _search(events, source, heard()), rounds=5)
+    return 1e3 * again, 1e3 * first
+
+
+def _scan(names: tuple[str, ...], t: float, rng: np.random.Generator) -> RadioScan:
+    heard = tuple(names[i] for i in rng.choice(len(names), 150, replace=False))
+    return RadioScan(t, t, heard, rng.uniform(-95.0, -45.0, 150))
+
+
+def _layer(names: tuple[str, ...], rng: np.random.Generator) -> RadioMap:
+    shape = (len(names), 60, 60)
+    mean = rng.integers(-95, -45, shape).astype(np.int8)
+    sd, seen = (rng.integers(30, 120, shape).astype(np.uint8) for _ in range(2))
+    return RadioMap(-40.0, -60.0, 3.0, names, mean, sd, seen)
+
+
+def _search(events: StepEvents, source: LevelMaps, seen: Sequence[RadioSighting]) -> None:
+    evaluator = Evaluator(source, source.level_ids())
+    pieces = [evaluator.evidence(sighting) for sighting in seen]
+    search(
+        events,
+        {level_id: prepare_grid(source.grid_map(level_id), FeatureSet.VECTOR) for level_id in source.level_ids()},
+        Prior(None),
+        [piece for piece in pieces if piece is not None],
+        particles=ParticleParameters().cold_particles,
+        report=15,
+        spread=InitialSpread(),
+        policy=SearchPolicy(),
+        rng=np.random.default_rng(3),
+    )
 
 
 def main() -> None:
@@ -108,6 +166,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--out", type=Path, default=Path("bench-out"), help="folder for benchmarks.json")
     options = parser.parse_args()
+    radio = {levels: radio_search(levels) for levels in (1, 10)}
     figures = {
         **{
             f"particle_step_{features.value}_{n}_us": particle_step(features, n)
@@ -118,6 +177,8 @@ def main() -> None:
         **segment(),
         "search_one_level_ms": level_search(1),
         "search_ten_levels_ms": level_search(10),
+        **{f"search_wifi_{levels}_levels_ms": again for levels, (again, _) in radio.items()},
+        **{f"search_wifi_{levels}_levels_first_ms": first for levels, (_, first) in radio.items()},
     }
     for name, value in figures.items():
         print(f"{name:36s} {value:10.2f}")  # noqa: T201 - a command's output

@@ -88,10 +88,15 @@ class TestVenue:
         assert (level.log_weights("F1", xy[:, 0], xy[:, 1]) < -2.0).all()
         assert (level.log_weights("F2", xy[:, 0], xy[:, 1]) == 0.0).all()
 
-    def test_without_pressure_the_old_level_is_held(self) -> None:
-        """What the barometer is for."""
+    def test_without_pressure_the_field_tells_later(self, through_the_lift: list[Fix]) -> None:
+        """What the barometer is for: without it the old level is held until its track is found lost."""
         fixes = run(trip(4.5, pressure=False), MAPS, Prior(None))
-        assert {fix.level_id for fix in fixes[-40:]} == {"F1"}
+        assert {fix.level_id for fix in fixes if DOORS[0] - 15.0 < fix.t < UP.t[0] + 10.0} == {"F1"}
+        assert fixes[-1].level_id == "F2"
+        first, told = (
+            min(fix.t for fix in some if fix.level_id == "F2" and fix.sure) for some in (fixes, through_the_lift)
+        )
+        assert first > told
 
     def test_its_trajectory_has_both_levels_in_order(self) -> None:
         smoothed = smooth_session(ParticleTracker(), Prior(None), trip(4.5), LevelMaps(MAPS), seed=1)

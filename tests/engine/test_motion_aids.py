@@ -156,7 +156,7 @@ class TestDisturbance:
         cloud = initial_cloud(
             Prior("sim", 20.0, 10.0, 1.0), grid, np.ones(3), 200, InitialSpread(), np.random.default_rng(0)
         )
-        integrity = Integrity(settled=True, disturbed=share)
+        integrity = Integrity(settled=True, disturbed=share, borne_out=True)
         verdict = judge(estimate_of(cloud, grid), integrity, IntegrityPolicy())
         assert verdict.status is status
         assert verdict.sure == (status is Status.OK)

@@ -225,3 +225,16 @@ def test_a_scan_of_strangers_is_no_evidence(radio: RadioMap) -> None:
     memory, field = aid.field(RadioMemory(1.0, 3.0), scan, 7.0)
     assert field is None
     assert memory == RadioMemory(5.0, 3.0)  # the way of the last useful scan stays
+
+
+def test_a_field_is_the_same_remembered_or_not(hall: Hall, radio: RadioMap) -> None:
+    """Bit by bit: the next segment may go to a worker that has not seen the scan."""
+    scan = scans_of(hall, PLACES[:1], 23)[0]
+    first = log_likelihood(radio, scan)
+    assert log_likelihood(radio, scan) is first
+    np.testing.assert_array_equal(log_likelihood(replace(radio), scan), first)
+    louder = replace(scan, rssi=scan.rssi + 1.0)
+    assert not np.array_equal(log_likelihood(radio, louder), first)
+    assert not np.array_equal(log_likelihood(radio, scan, RadioModel(wifi=KindModel(temper=0.5))), first)
+    fewer = log_likelihood(radio, scan, vocabulary=scan.name[:3])
+    assert not np.array_equal(fewer, first)

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.interpolate import RegularGridInterpolator
 
-from app.engine.kernels.radio import scan_log_likelihood
+from app.engine.kernels.radio import interpolate, scan_log_likelihood
 
 
 def naive_scan_log_likelihood(rows, rssi, weight, mean, sd, seen, unseen, offset_var, most, anchors):
@@ -51,3 +52,22 @@ def test_agrees_with_the_readings_one_by_one(k: int, anchors: int) -> None:
     )
     expected = naive_scan_log_likelihood(rows, rssi, weight, mean, sd, seen, 0.003, 25.0, 6.0, anchors)
     np.testing.assert_allclose(out, expected, rtol=2e-4, atol=2e-2)
+
+
+@pytest.mark.parametrize("shape", [(2, 2), (7, 5)])
+def test_interpolation_agrees_with_scipy(shape: tuple[int, int]) -> None:
+    """Beyond the grid the edge holds."""
+    rng = np.random.default_rng(8)
+    grid = rng.standard_normal(shape).astype(np.float32)
+    rows, columns = -1.0 + 3.0 * np.arange(shape[0]), 2.0 + 3.0 * np.arange(shape[1])
+    x, y = rng.uniform(-10.0, 30.0, (2, 500))
+    out = np.empty(500)
+    interpolate(grid, 2.0, -1.0, 3.0, x, y, out)
+    inside = np.stack([np.clip(y, rows[0], rows[-1]), np.clip(x, columns[0], columns[-1])], axis=1)
+    np.testing.assert_allclose(out, RegularGridInterpolator((rows, columns), grid)(inside), atol=1e-6)
+
+
+def test_interpolation_of_one_node_is_constant() -> None:
+    out = np.empty(3)
+    interpolate(np.full((1, 1), 4.0, np.float32), 0.0, 0.0, 3.0, np.array([-9.0, 0.0, 9.0]), np.zeros(3), out)
+    np.testing.assert_array_equal(out, 4.0)

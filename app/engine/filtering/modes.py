@@ -8,7 +8,7 @@ import numpy as np
 from scipy.ndimage import uniform_filter
 
 from app.engine.filtering.particle import Cloud
-from app.engine.types import BoolArray, Float64Array
+from app.engine.kernels import modes as kernel
 
 _CELL_M = 2.0
 _MAX_CELLS = 500
@@ -46,39 +46,25 @@ def find_modes(cloud: Cloud, *, radius_m: float = 6.0, most: int = 5, least: flo
     least : float
         Weight below which a gathering is none (the heaviest always counts).
     """
-    x, y = cloud.p[0].astype(np.float64), cloud.p[1].astype(np.float64)
-    w = cloud.p[14].astype(np.float64)
-    w /= w.sum()
-    cell = max(_CELL_M, float(max(np.ptp(x), np.ptp(y))) / _MAX_CELLS)
-    columns, rows = ((v - v.min()) // cell for v in (x, y))
-    c, r = columns.astype(np.int64), rows.astype(np.int64)
-    shape = (int(r.max()) + 1, int(c.max()) + 1)
+    x, y, w = cloud.p[0], cloud.p[1], cloud.p[14]
+    x0, y0 = float(x.min()), float(y.min())
+    width, height = float(x.max()) - x0, float(y.max()) - y0
+    cell = max(_CELL_M, max(width, height) / _MAX_CELLS)
+    shape = (int(height / cell) + 1, int(width / cell) + 1)
+    at = np.empty(cloud.n, np.int64)
+    kernel.cell_of(x, y, x0, y0, cell, shape[1], at)
+    whole = float(w.sum(dtype=np.float64))
     modes: list[Mode] = []
-    free = np.ones(x.shape[0], dtype=bool)
+    free, weight, moments = np.ones(cloud.n, np.bool_), np.empty(shape), np.empty(6)
     for _ in range(most):
-        weight = np.bincount(r[free] * shape[1] + c[free], weights=w[free], minlength=shape[0] * shape[1])
-        smooth = uniform_filter(weight.reshape(shape), 3, mode="constant")
-        peak_r, peak_c = np.unravel_index(int(smooth.argmax()), shape)
-        px, py = x.min() + (peak_c + 0.5) * cell, y.min() + (peak_r + 0.5) * cell
-        mode = _mode(x, y, w, free, px, py, max(radius_m, 3.0 * cell))
-        if mode is None or (modes and mode.weight < least):
+        kernel.cell_weight(at, w, free, weight.reshape(-1))
+        peak_r, peak_c = np.unravel_index(int(uniform_filter(weight, 3, mode="constant").argmax()), shape)
+        px, py = x0 + (peak_c + 0.5) * cell, y0 + (peak_r + 0.5) * cell
+        kernel.gather(x, y, w, free, px, py, max(radius_m, 3.0 * cell), moments)
+        share, mx, my, xx, xy, yy = moments.tolist()
+        if share <= 0.0 or (modes and share / whole < least):
             break
-        modes.append(mode)
+        modes.append(Mode(float(px) + mx, float(py) + my, max(xx, 0.0), xy, max(yy, 0.0), share / whole))
         if not free.any():
             break
     return tuple(sorted(modes, key=lambda m: -m.weight))
-
-
-def _mode(
-    x: Float64Array, y: Float64Array, w: Float64Array, free: BoolArray, px: float, py: float, radius_m: float
-) -> Mode | None:
-    """Mode at a peak; takes its particles out of ``free``."""
-    near = free & (np.hypot(x - px, y - py) <= radius_m)
-    weight = float(w[near].sum())
-    if weight <= 0.0:
-        return None
-    v = w[near] / weight
-    mx, my = float(v @ x[near]), float(v @ y[near])
-    dx, dy = x[near] - mx, y[near] - my
-    free &= ~near
-    return Mode(mx, my, float(v @ dx**2), float(v @ (dx * dy)), float(v @ dy**2), weight)

@@ -27,30 +27,62 @@ def scan_log_likelihood(rows, rssi, weight, mean, sd, seen, log_seen, log_sd, of
     """
     offset, num, den = work[0], work[1], work[2]
     nodes = out.shape[0]
+    # all in single precision: one constant in double halves how many nodes are taken at a time
+    zero, one, half, tenth = np.float32(0.0), np.float32(1.0), np.float32(0.5), np.float32(0.1)
+    inv_var = np.float32(1.0 / offset_var)
     for s in range(nodes):
-        offset[s] = 0.0
-        out[s] = 0.0
+        offset[s] = zero
+        out[s] = zero
     stride = max(1, (rows.shape[0] + anchors - 1) // anchors)
-    for turn in range(3):
+    for turn in range(2):
         for s in range(nodes):
-            num[s] = 0.0
-            den[s] = 1.0 / offset_var
-        half = 0.5 / most if turn > 0 else 0.0
-        for i in range(0, rows.shape[0], stride if turn < 2 else 1):
-            row, r, w = rows[i], np.float32(rssi[i]), np.float32(weight[i])
+            num[s] = zero
+            den[s] = inv_var
+        bend = np.float32(0.5 / most) if turn > 0 else zero
+        for i in range(0, rows.shape[0], stride):
+            r, w = np.float32(rssi[i]), np.float32(weight[i])
+            m, d = mean[rows[i]], sd[rows[i]]
             for s in range(nodes):
-                deviation = np.float32(0.1) * np.float32(sd[row, s])
-                e = r - np.float32(mean[row, s])
-                u = (e - offset[s]) / deviation
-                level = 1.0 / (1.0 + np.float32(half) * u * u)
-                if turn < 2:
-                    v = w * level * level / (deviation * deviation)
-                    num[s] += v * e
-                    den[s] += v
-                else:
-                    out[s] += w * (log_seen[seen[row, s]] - log_sd[sd[row, s]] - np.float32(0.5) * u * u * level)
-        if turn < 2:
-            for s in range(nodes):
-                offset[s] = num[s] / den[s]
+                inv = one / (tenth * np.float32(d[s]))
+                e = r - np.float32(m[s])
+                u = (e - offset[s]) * inv
+                level = inv / (one + bend * u * u)
+                v = w * level * level
+                num[s] += v * e
+                den[s] += v
+        for s in range(nodes):
+            offset[s] = num[s] / den[s]
+    bend = np.float32(0.5 / most)
+    for i in range(rows.shape[0]):
+        r, w = np.float32(rssi[i]), np.float32(weight[i])
+        m, d, p = mean[rows[i]], sd[rows[i]], seen[rows[i]]
+        for s in range(nodes):
+            deviation = tenth * np.float32(d[s])
+            e = r - np.float32(m[s]) - offset[s]
+            cost = half * e * e / (deviation * deviation + bend * e * e)
+            out[s] += w * (log_seen[p[s]] - log_sd[d[s]] - cost)
     for s in range(nodes):
-        out[s] -= 0.5 * offset[s] * offset[s] / offset_var
+        out[s] -= half * offset[s] * offset[s] * inv_var
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=False)
+def interpolate(grid, x0, y0, cell, x, y, out):
+    """Bilinear look-up; beyond the grid its edge holds.
+
+    Parameters
+    ----------
+    grid : (rows, columns)
+    x0, y0, cell : m, position of node (0, 0) and distance of the nodes
+    x, y : (n,) m
+    out : (n,)
+    """
+    rows, columns = grid.shape
+    for i in range(x.shape[0]):
+        c = min(max((x[i] - x0) / cell, 0.0), columns - 1.0)
+        r = min(max((y[i] - y0) / cell, 0.0), rows - 1.0)
+        c0, r0 = min(int(c), max(columns - 2, 0)), min(int(r), max(rows - 2, 0))
+        c1, r1 = min(c0 + 1, columns - 1), min(r0 + 1, rows - 1)
+        fc, fr = c - c0, r - r0
+        low = (1.0 - fc) * grid[r0, c0] + fc * grid[r0, c1]
+        high = (1.0 - fc) * grid[r1, c0] + fc * grid[r1, c1]
+        out[i] = (1.0 - fr) * low + fr * high

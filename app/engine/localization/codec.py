@@ -19,7 +19,7 @@ from app.engine.inertial.pressure import Barometer
 from app.engine.inertial.wheels import Odometer
 from app.engine.types import DeviceCalibration, PressureReadings, Prior, SpeedReadings, StepCounts
 
-VERSION = 3
+VERSION = 4
 
 
 def pack(values: dict[str, Any]) -> bytes:

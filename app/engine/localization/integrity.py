@@ -88,12 +88,18 @@ class Integrity:
         Whether the spread has been that of one place.
     disturbed : float
         Share of steps whose field was disturbed, smoothed.
+    doubted : bool
+        Whether the newest steps fit better elsewhere (see :mod:`app.engine.localization.lost`).
+    borne_out : bool
+        Whether newest steps have been found to fit better here than elsewhere. Until then a prior is all there is.
     """
 
     walked_m: float = 0.0
     mapped: float = 1.0
     settled: bool = False
     disturbed: float = 0.0
+    doubted: bool = False
+    borne_out: bool = False
 
     def away(self) -> Integrity:
         """On another level than the map's."""
@@ -101,7 +107,7 @@ class Integrity:
 
     def resumed(self) -> Integrity:
         """After a gap."""
-        return replace(self, walked_m=0.0, settled=False)
+        return replace(self, walked_m=0.0, settled=False, doubted=False)
 
     def walked(
         self, stride: float, estimate: Estimate, policy: IntegrityPolicy, *, disturbed: bool = False
@@ -152,7 +158,9 @@ def judge(estimate: Estimate, integrity: Integrity, policy: IntegrityPolicy) -> 
         return Verdict(Status.OFF_MAP, quality * 0.5, sure=False, walk_on_m=None)
     if integrity.disturbed > policy.disturbed_share:
         return Verdict(Status.DISTURBED, quality * 0.5, sure=False, walk_on_m=None)
-    return Verdict(Status.OK, quality, sigma <= policy.sure_m, walk_on_m=None)
+    if integrity.doubted:
+        return Verdict(Status.AMBIGUOUS, quality * 0.5, sure=False, walk_on_m=max(sigma, WALK_ON_M))
+    return Verdict(Status.OK, quality, sigma <= policy.sure_m and integrity.borne_out, walk_on_m=None)
 
 
 def tell(

@@ -70,8 +70,9 @@ class LookBack:
         return tuple(self._fix(step, track, particles) for step in told)
 
     def _fix(self, step: OpenStep, track: Track, particles: Cloud) -> Fix:
-        integrity = step.integrity  # what lay about the step then; that the place was found later counts for it
-        if not integrity.settled:
-            integrity = replace(integrity, settled=track.integrity.settled)
+        # what lay about the step then; that the place was found, borne out or lost since counts for it
+        now = track.integrity
+        settled = step.integrity.settled or now.settled
+        integrity = replace(step.integrity, settled=settled, doubted=now.doubted, borne_out=now.borne_out)
         estimate = step.estimate(particles.p[14])
         return tell(step.t, step.level_id, estimate, integrity, self._policy, kind=FixKind.FIXED_LAG)

@@ -40,8 +40,9 @@ from app.engine.localization.integrity import (
     tell,
 )
 from app.engine.localization.look_back import LookBack
+from app.engine.localization.lost import Check, LostPolicy, Watch, convict, give_up, suspected
 from app.engine.localization.motion import take_step
-from app.engine.localization.profile import join, newest
+from app.engine.localization.profile import join, newest, no_steps
 from app.engine.localization.radio import RadioMemory
 from app.engine.localization.search import Belief, Place, SearchPolicy, search
 from app.engine.localization.session import Quest, SessionState, Track, estimate_of, weigh_by
@@ -99,12 +100,14 @@ class ParticleTracker:
         spread: InitialSpread | None = None,
         policy: IntegrityPolicy | None = None,
         search: SearchPolicy | None = None,
+        lost: LostPolicy | None = None,
     ) -> None:
         self.parameters = parameters or ParticleParameters()
         self.noise = noise or ParticleNoise()
         self.spread = spread or InitialSpread()
         self.policy = policy or IntegrityPolicy()
         self.search = search or SearchPolicy()
+        self.lost = lost or LostPolicy()
 
     def start(self, prior: Prior, *, seed: int) -> TrackerState:
         """State before the first segment."""
@@ -133,9 +136,11 @@ class ParticleTracker:
         return Answer(TrackerState(self.method, session.encode(), last_t), tuple(fixes), tuple(lagged))
 
     def learned(self, state: TrackerState) -> DeviceCalibration | None:
-        """Offset and stride as the particles have them, once the place is known."""
+        """Offset and stride as the particles have them, once the place is known and not doubted."""
         track = SessionState.decode(state.payload).track
         if track is None or track.integrity.walked_m < LEARN_M or spread(track.estimate) > self.policy.sure_m:
+            return None
+        if track.integrity.doubted:  # at a wrong place it learns what makes that one fit
             return None
         return track.calibration()
 
@@ -168,7 +173,7 @@ class ParticleTracker:
             session.quest.sightings += seen
             yield from ((fix, None) for fix in self._search(session, session.quest, events, first, map_source, t))
         elif session.track is not None:
-            yield from self._follow(session, session.track, events, seen, radio, map_source, t, rng, away=away)
+            yield from self._follow(session, session.track, events, seen, radio, first, map_source, t, rng, away=away)
 
     def _follow(
         self,
@@ -177,6 +182,7 @@ class ParticleTracker:
         events: StepEvents,
         seen: Sequence[Sighting],
         radio: RadioMemory,
+        first: tuple[float, Float64Array],
         map_source: MapSource,
         t: float,
         rng: np.random.Generator,
@@ -186,26 +192,48 @@ class ParticleTracker:
         """Track the steps of a segment; evidence beside the field counts before the step that follows it."""
         grid = self._grid(map_source, track.level_id)
         evaluator = Evaluator(map_source, (track.level_id,), radio)
-        waiting = deque(seen)
+        waiting, watched = deque(seen), Watch(track, grid, self.noise, self.lost)
         for i in range(len(events)):
             while waiting and waiting[0].t <= events.t[i]:
-                weigh_by(track, evaluator, waiting.popleft())
+                watched.heard(weigh_by(track, evaluator, waiting.popleft()))
+            watched.before(track.estimate)
             moved = self._advance(track, grid, events, i, rng)
+            watched.after(track.estimate, events, i)
             if away:
                 track.integrity = track.integrity.away()
             yield self._fix(track, float(events.t[i])), moved
-        counted = [weigh_by(track, evaluator, sighting) for sighting in waiting]
+        counted = [watched.heard(weigh_by(track, evaluator, sighting)) for sighting in waiting]
         if any(counted):
             track.estimate = estimate_of(track.cloud, grid)
         session.aids = replace(session.aids, radio=replace(evaluator.memory, last_t=session.aids.radio.last_t))
         if away:
             track.integrity = track.integrity.away()
-        yield self._fix(track, t), None
+        watched.keep(track, events, seen, away=away)
+        if self._is_lost(session, track, map_source, rng):
+            quest = give_up(session, track)
+            yield from ((fix, None) for fix in self._search(session, quest, no_steps(), first, map_source, t))
+        else:
+            yield self._fix(track, t), None
+
+    def _is_lost(self, session: SessionState, track: Track, map_source: MapSource, rng: np.random.Generator) -> bool:
+        """Whether a track that explains its readings badly is found elsewhere."""
+        if not suspected(track, self.lost):
+            return False
+        grids = self._grids(map_source, session.prior.level_id)
+        evaluator = Evaluator(map_source, tuple(grids))
+        pieces = [piece for piece in map(evaluator.evidence, track.trail.sightings) if piece is not None]
+        check = Check(grids, pieces, self.spread, self.search, self.lost)
+        return convict(track, check.log_odds(track, session.prior.calibration, rng), self.lost)
 
     def _grid(self, map_source: MapSource, level_id: str) -> FilterGrid:
         grid_map = map_source.grid_map(level_id)
         vector = grid_map.features is FeatureSet.VECTOR
         return prepare_grid(grid_map, self.parameters.features if vector else grid_map.features)
+
+    def _grids(self, map_source: MapSource, level_id: str | None) -> dict[str, FilterGrid]:
+        """All levels that the walker may be on: the one that is known, or any."""
+        level_ids = map_source.level_ids() if level_id is None else (level_id,)
+        return {level_id: self._grid(map_source, level_id) for level_id in level_ids}
 
     def _begin(
         self,
@@ -271,12 +299,11 @@ class ParticleTracker:
             quest.whole = False
             quest.sightings = tuple(s for s in quest.sightings if s.t > quest.events.t[0])
         rng = np.random.default_rng(session.seed)  # the same steps give the same answer: nothing flickers at rest
-        level_ids = map_source.level_ids() if quest.prior.level_id is None else (quest.prior.level_id,)
-        grids = {level_id: self._grid(map_source, level_id) for level_id in level_ids}
+        grids = self._grids(map_source, quest.prior.level_id)
         if len(quest.events) == 0:
             yield self._unstarted(quest.prior, grids, first[1], t, rng)
             return
-        evaluator = Evaluator(map_source, level_ids)
+        evaluator = Evaluator(map_source, tuple(grids))
         pieces = (evaluator.evidence(sighting) for sighting in quest.sightings)
         found = search(
             quest.events,
@@ -297,7 +324,7 @@ class ParticleTracker:
         if confirmed(beliefs, walked, self.policy):
             cloud = found.cloud.thin(self.parameters.particles, float(rng.random()))
             cloud.p[:2] += self.policy.handover_m * rng.standard_normal((2, cloud.n)).astype(np.float32)
-            integrity, grid = Integrity(walked_m=walked, settled=True), grids[found.level_id]
+            integrity, grid = Integrity(walked_m=walked, settled=True, borne_out=True), grids[found.level_id]
             session.track = Track(
                 found.level_id, grid.features, float(quest.events.heading[-1]), cloud, beliefs[-1].estimate, integrity
             )
@@ -306,7 +333,12 @@ class ParticleTracker:
             if quest.whole:
                 e, first_heading = estimate_of(found.start, grid), float(quest.events.heading[0])
                 session.beginning = Track(
-                    found.level_id, grid.features, first_heading, found.start, e, Integrity(settled=True)
+                    found.level_id,
+                    grid.features,
+                    first_heading,
+                    found.start,
+                    e,
+                    Integrity(settled=True, borne_out=True),
                 )
 
     def _unstarted(

@@ -10,6 +10,12 @@ from app.engine.inertial import StepEvents
 from app.engine.inertial.events import FIELDS as _FIELDS
 
 
+def no_steps() -> StepEvents:
+    """The steps of a session that has made none."""
+    number, flag = np.empty(0), np.empty(0, dtype=np.bool_)
+    return StepEvents(number, number, number, number, np.empty((0, 3)), number, flag, flag, number, flag)
+
+
 def join(earlier: StepEvents, later: StepEvents) -> StepEvents:
     """Both, one after the other."""
     return StepEvents(*(np.concatenate([getattr(earlier, name), getattr(later, name)]) for name in _FIELDS))

@@ -10,11 +10,13 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
+from hashlib import blake2b
 from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from app.engine.kernels.radio import scan_log_likelihood
+from app.engine.kernels.radio import interpolate, scan_log_likelihood
+from app.engine.localization.memo import Memo
 from app.engine.mapping.radio import BLE_PREFIX, Readings, merge_readings
 from app.engine.types import Float32Array, Float64Array, IntArray, RadioMap, RadioScans
 
@@ -121,6 +123,9 @@ class _Index:
     """For Wi-Fi (False) and BLE (True): logarithm of the sum of probabilities at each node."""
 
 
+REMEMBERED = 256
+"""Fields kept a map: the scans of a dozen searches, some megabytes."""
+_fields = Memo[RadioMap, tuple[RadioModel, bool, bytes], Float32Array](REMEMBERED)
 _indexes: WeakKeyDictionary[RadioMap, dict[float, _Index]] = WeakKeyDictionary()
 
 
@@ -143,7 +148,9 @@ def log_likelihood(
     *,
     vocabulary: Collection[str] | None = None,
 ) -> Float32Array:
-    """Tempered log-likelihood of a scan at every node, shape (rows, columns).
+    """Tempered log-likelihood of a scan at every node, shape (rows, columns), not to be written to.
+
+    A search asks for the scans of its walk again with every segment, so the newest fields of a map are remembered.
 
     Parameters
     ----------
@@ -162,8 +169,12 @@ def log_likelihood(
     if not part:
         return np.zeros(radio.mean.shape[1:], np.float32)
     heard = tuple(scan.name[i] for i in part)  # by name: which of them anchor the offset shall not be the strongest
-    kind = model.ble if scan.is_ble else model.wifi
-    return _kind_log_likelihood(radio, index, heard, scan.rssi[part], model, kind, index.log_total[scan.is_ble])
+    rssi, is_ble = scan.rssi[part], scan.is_ble
+    kind = model.ble if is_ble else model.wifi
+    key = (model, is_ble, blake2b("\n".join(heard).encode() + rssi.tobytes(), digest_size=16).digest())
+    return _fields.get(
+        radio, key, lambda: _kind_log_likelihood(radio, index, heard, rssi, model, kind, index.log_total[is_ble])
+    )
 
 
 def _kind_log_likelihood(
@@ -192,6 +203,7 @@ def _kind_log_likelihood(
     cost = np.log(model.unseen) - np.log(model.stranger_sd) - 0.5 * strange**2 / (1.0 + 0.5 * strange**2 / kind.most)
     value += float(weight[~known] @ cost)
     tempered: Float32Array = value * np.float32(kind.temper / np.sqrt(points))
+    tempered.setflags(write=False)  # shared by all who ask
     return tempered
 
 
@@ -208,15 +220,9 @@ def access_point(name: str) -> str:
 
 def weights_at(log_grid: Float32Array, radio: RadioMap, x: Float64Array, y: Float64Array) -> Float64Array:
     """Bilinear look-up of log weights at positions; beyond the grid its edge holds. Shape of ``x``."""
-    rows, columns = log_grid.shape
-    c = np.clip((x - radio.x0) / radio.cell_m, 0.0, columns - 1.0)
-    r = np.clip((y - radio.y0) / radio.cell_m, 0.0, rows - 1.0)
-    c0, r0 = np.minimum(c.astype(np.int64), max(columns - 2, 0)), np.minimum(r.astype(np.int64), max(rows - 2, 0))
-    c1, r1 = np.minimum(c0 + 1, columns - 1), np.minimum(r0 + 1, rows - 1)
-    fc, fr = c - c0, r - r0
-    low = (1.0 - fc) * log_grid[r0, c0] + fc * log_grid[r0, c1]
-    high = (1.0 - fc) * log_grid[r1, c0] + fc * log_grid[r1, c1]
-    weights: Float64Array = (1.0 - fr) * low + fr * high
+    weights = np.empty(x.shape)
+    x, y = (np.ascontiguousarray(v, np.float64) for v in (x, y))
+    interpolate(log_grid, radio.x0, radio.y0, radio.cell_m, x.ravel(), y.ravel(), weights.reshape(-1))
     return weights
 
 

@@ -92,12 +92,16 @@ class Found:
         Its particles.
     start : Cloud
         Where these particles stood before the first step.
+    log_likelihood : float
+        Of the whole walk, over a start anywhere that the prior allows, all levels alike: comparable between searches of
+        the same steps and evidence.
     """
 
     beliefs: tuple[Belief, ...]
     level_id: str
     cloud: Cloud
     start: Cloud
+    log_likelihood: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -150,22 +154,28 @@ def search(
     }
     log_likelihood = np.stack([runs[level_id].log_likelihood for level_id in level_ids])
     shares = np.exp(log_likelihood - log_likelihood.max(axis=0))
+    whole = float(log_likelihood[:, -1].max() + np.log(shares[:, -1].mean())) + aids.log_unit
     shares /= shares.sum(axis=0)
     rate = min(information_per_m(grid, policy.noise) for grid in grids.values())
     tried = [runs[level_id] for level_id in level_ids]
     beliefs = tuple(_belief(level_ids, tried, shares[:, k], k, rate) for k in range(shares.shape[1]))
     best = level_ids[int(shares[:, -1].argmax())]
-    return Found(beliefs, best, runs[best].cloud, runs[best].start)
+    return Found(beliefs, best, runs[best].cloud, runs[best].start, whole)
 
 
 class _Aids:
-    """Evidence by the step before which it was seen, in the unit of the most it gives any place."""
+    """Evidence by the step before which it was seen, in the unit of the most it gives any place.
+
+    ``log_unit`` is the product of all units that count.
+    """
 
     def __init__(self, evidence: Sequence[Evidence], t: Float64Array, level_ids: Sequence[str]) -> None:
         self._at: dict[int, list[tuple[Evidence, float]]] = {}
+        self.log_unit = 0.0
         for piece in evidence:
-            step = int(np.searchsorted(t, piece.t))
-            self._at.setdefault(step, []).append((piece, top(piece, level_ids)))
+            step, unit = int(np.searchsorted(t, piece.t)), top(piece, level_ids)
+            self._at.setdefault(step, []).append((piece, unit))
+            self.log_unit += unit if step < len(t) else 0.0
 
     def weigh(self, cloud: Cloud, level_id: str, step: int) -> None:
         """Weigh particles on a level with what was seen since the step before."""

@@ -25,6 +25,7 @@ from app.engine.localization.aids import (
 from app.engine.localization.integrity import Integrity
 from app.engine.localization.lines import OpenStep, steps_from, steps_values
 from app.engine.localization.profile import profile_from, profile_values
+from app.engine.localization.trail import Trail, trail_from, trail_values
 from app.engine.types import DeviceCalibration, FeatureSet, Prior
 
 _LOST = 1e-12
@@ -32,7 +33,7 @@ _LOST = 1e-12
 
 @dataclass(slots=True)
 class Track:
-    """Place known: level, heading at the last step (free azimuth, rad), particles, estimate."""
+    """Place known: level, heading at the last step (free azimuth, rad), particles, estimate, newest steps."""
 
     level_id: str
     features: FeatureSet
@@ -40,6 +41,7 @@ class Track:
     cloud: Cloud
     estimate: Estimate
     integrity: Integrity
+    trail: Trail = field(default_factory=Trail)
 
     def calibration(self) -> DeviceCalibration | None:
         """What the particles say of the device; None if their offsets are not those of three axes."""
@@ -61,9 +63,9 @@ class SessionState:
     """Tracker state, decoded. ``count`` segments have been taken.
 
     Before the first there is neither ``pedestrian`` nor ``track`` nor ``quest``; then the session is on a quest until
-    its place is known, and on a track from there. ``open_steps`` are those of the track that were told only in the
-    moment, with the lines of its particles. ``beginning`` is not kept: it is the track's first moment, known once
-    the quest has ended.
+    its place is known, and on a track from there, unless that is found lost (``losses`` times so far). ``open_steps``
+    are those of the track that were told only in the moment, with the lines of its particles. ``beginning`` is not
+    kept: it is the track's first moment, known once the quest has ended.
     """
 
     prior: Prior
@@ -76,6 +78,7 @@ class SessionState:
     travelled_m: float = 0.0
     barometer: Barometer = field(default_factory=Barometer)
     open_steps: tuple[OpenStep, ...] = ()
+    losses: int = 0
     beginning: Track | None = None
 
     def encode(self) -> bytes:
@@ -83,6 +86,7 @@ class SessionState:
         track, quest, pedestrian = self.track, self.quest, self.pedestrian
         values: dict[str, Any] = {"prior": codec.prior_values(self.prior), "seed": self.seed, "count": self.count}
         values["aids"], values["travelled_m"] = memory_values(self.aids), self.travelled_m
+        values["losses"] = self.losses
         values["barometer"] = codec.barometer_values(self.barometer)
         if pedestrian is not None:
             values["pedestrian"] = codec.pedestrian_values(pedestrian)
@@ -96,6 +100,7 @@ class SessionState:
                 "estimate": asdict(track.estimate),
                 "integrity": asdict(track.integrity),
                 "open_steps": steps_values(self.open_steps),
+                "trail": trail_values(track.trail),
             }
         if quest is not None:
             events = None if quest.events is None else profile_values(quest.events)
@@ -113,7 +118,7 @@ class SessionState:
         values = codec.unpack(payload)
         session = cls(codec.prior_from(values["prior"]), values["seed"], values["count"])
         session.aids, session.travelled_m = memory_from(values["aids"]), values["travelled_m"]
-        session.barometer = codec.barometer_from(values["barometer"])
+        session.barometer, session.losses = codec.barometer_from(values["barometer"]), values["losses"]
         if "pedestrian" in values:
             session.pedestrian = codec.pedestrian_state(values["pedestrian"])
         if "track" in values:
@@ -125,6 +130,7 @@ class SessionState:
                 cloud=Cloud(track["particles"], track["moved"]),
                 estimate=Estimate(**track["estimate"]),
                 integrity=Integrity(**track["integrity"]),
+                trail=trail_from(track["trail"]),
             )
             session.open_steps = steps_from(track["open_steps"])
         if "quest" in values:
@@ -151,11 +157,17 @@ def learned_calibration(cloud: Cloud) -> DeviceCalibration:
     )
 
 
-def weigh_by(track: Track, evaluator: Evaluator, sighting: Sighting) -> bool:
-    """Let a sighting count for the particles of a track; False if it tells nothing. Weights stay normalized."""
+def weigh_by(track: Track, evaluator: Evaluator, sighting: Sighting) -> float | None:
+    """Let a sighting count for the particles of a track. Weights stay normalized.
+
+    Returns
+    -------
+    float or None, nats
+        By how much the particles explain it worse than the best place of their level; None if it tells nothing.
+    """
     evidence = evaluator.evidence(sighting)
     if evidence is None:
-        return False
+        return None
     before = track.cloud.p[14].copy()
     weigh_cloud(track.cloud, evidence, track.level_id, log_unit=top(evidence, (track.level_id,)))
     total = float(track.cloud.p[14].sum(dtype=np.float64))
@@ -163,7 +175,7 @@ def weigh_by(track: Track, evaluator: Evaluator, sighting: Sighting) -> bool:
         track.cloud.p[14] /= np.float32(total)
     else:  # it rules all particles out: evidence or track is wrong, and it is not for one reading to say which
         track.cloud.p[14] = before
-    return True
+    return -float(np.log(max(total, 1e-30)))
 
 
 def estimate_of(cloud: Cloud, grid: FilterGrid) -> Estimate:

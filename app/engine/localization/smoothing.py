@@ -14,7 +14,7 @@ from app.engine.localization.climbing import changes_level
 from app.engine.localization.integrity import Integrity, tell
 from app.engine.localization.particle import ParticleTracker
 from app.engine.localization.session import SessionState, Track
-from app.engine.types import Fix, FixKind, Float32Array, Float64Array, MapSource, Prior, Segment
+from app.engine.types import Fix, FixKind, Float32Array, Float64Array, MapSource, Prior, Segment, Status
 
 SMOOTHING_PARTICLES = 6000
 
@@ -38,8 +38,9 @@ def smooth_session(
     The genealogy of the particles is followed back from the end (Kitagawa 1996, doi:10.2307/1390750). Lines merge going
     back, so more particles are used than for tracking. After a gap between segments the filter draws its particles
     anew, so nothing is followed across it: each stretch between gaps is smoothed for itself. So it is after a change of
-    level, where the place is searched anew. Steps of a search that did not lead back to where it began keep their
-    ``filtered`` fix.
+    level, where the place is searched anew, and where a track was found lost; of a lost stretch nothing is claimed, as
+    nobody knows since when it was. Steps of a search that did not lead back to where it began keep their ``filtered``
+    fix.
     """
     n = SMOOTHING_PARTICLES  # whatever tracking uses: half an hour of them takes 200 MB
     wide = ParticleTracker(
@@ -56,9 +57,12 @@ def smooth_session(
         if _interrupts(session, segment, map_source):
             fixes += stretch.smooth(wide)
             stretch = _Stretch()
-        searching = session.quest is not None or session.pedestrian is None
+        searching, losses = session.quest is not None or session.pedestrian is None, session.losses
         stretch.walk(wide, session, segment, map_source)
-        if searching and session.beginning is not None:
+        if session.losses > losses:  # the segment's steps are of the lost track, its last fix is of the search
+            fixes += stretch.smooth(wide)
+            stretch = _Stretch()
+        elif searching and session.beginning is not None:
             stretch = stretch.retrace(wide, session, map_source)
     return (*fixes, *stretch.smooth(wide))
 
@@ -83,16 +87,17 @@ class _Stretch:
     def walk(self, tracker: ParticleTracker, session: SessionState, segment: Segment, map_source: MapSource) -> None:
         """Go on by one segment."""
         self.segments.append(segment)
-        told = list[Fix]()
+        told, losses, followed = list[Fix](), session.losses, session.track
         for fix, moved in tracker.walk(session, segment, map_source):
             if moved is None:
                 told.append(fix)
                 continue
-            if session.track is not None:
-                self.steps.append(_record(fix, moved, session.track.integrity))
+            followed = session.track
+            if followed is not None:
+                self.steps.append(_record(fix, moved, followed.integrity))
             self.weights = moved.weighted.p[14].astype(np.float64)
         self.searched += told[:-1]  # the last belongs to no step
-        self.track = session.track
+        self.track = followed if session.losses > losses else session.track
 
     def retrace(self, tracker: ParticleTracker, session: SessionState, map_source: MapSource) -> _Stretch:
         """The same stretch from its beginning, now that the search has told where that was.
@@ -110,8 +115,14 @@ class _Stretch:
         return again
 
     def smooth(self, tracker: ParticleTracker) -> tuple[Fix, ...]:
-        """Fixes of the stretch."""
-        return (*self.searched, *_trace_back(tracker, self.steps, self.weights, self.track))
+        """Fixes of the stretch; a search that led to a track found wrong later found nothing."""
+        doubted = self.track is not None and self.track.integrity.doubted
+        searched = map(_unclaimed, self.searched) if doubted else self.searched
+        return (*searched, *_trace_back(tracker, self.steps, self.weights, self.track))
+
+
+def _unclaimed(fix: Fix) -> Fix:
+    return replace(fix, status=Status.AMBIGUOUS, sure=False) if fix.status is Status.OK else fix
 
 
 def _record(fix: Fix, moved: Advance, integrity: Integrity) -> _Step:
@@ -144,8 +155,9 @@ def _trace_back(
             cov_yy=float(weights @ (y - my) ** 2),
             heading=step.fix.heading,
         )
-        # what lay about the step then; that the place was found later counts for all of them
-        integrity = replace(step.integrity, settled=track.integrity.settled)
+        # what lay about the step then; that the place was found later, or lost, counts for all of them
+        now = track.integrity
+        integrity = replace(step.integrity, settled=now.settled, doubted=now.doubted, borne_out=now.borne_out)
         then = step.fix
         fixes.append(tell(then.t, then.level_id, estimate, integrity, tracker.policy, kind=FixKind.SMOOTHED))
     return tuple(reversed(fixes))
