@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from app.engine.filtering import Estimate, Mode
-from app.engine.localization.search import Belief, Place
+from app.engine.localization.search import Belief, Moments, Place
 from app.engine.types import Fix, FixKind, Hypothesis, Status
 
 CHI2_95 = 5.991
@@ -27,7 +27,10 @@ class IntegrityPolicy:
     covariance_scale, covariance_floor : float, -, m^2
         Applied to the particles' covariance so that the 95 % ellipse holds what it claims.
     searched_scale : float
-        Further factor while the place is searched: its likelihood is sharper than readings are.
+        Further factor while the place is searched with more than the field, and for a place just found: the search's
+        likelihood is sharper than readings are.
+    credit_bias, credit_slope : float
+        Log odds of a place being right: this and so many times the log odds of its share of a search's belief.
     handover_m : float, m
         Standard deviation added to particles when tracking takes over from the search, for the same reason.
     lagged_scale, smoothed_scale : float
@@ -59,6 +62,8 @@ class IntegrityPolicy:
     covariance_scale: float = 1.1
     covariance_floor: float = 0.3
     searched_scale: float = 4.0
+    credit_bias: float = -1.2
+    credit_slope: float = 0.53
     handover_m: float = 1.5
     lagged_scale: float = 1.2
     smoothed_scale: float = 1.5
@@ -70,7 +75,7 @@ class IntegrityPolicy:
     memory_m: float = 4.0
     search_m: float = 8.0
     listed: float = 0.8
-    found: float = 0.995
+    found: float = 0.999
     found_steps: int = 7
     found_m: float = 25.0
 
@@ -213,11 +218,11 @@ def search_fix(
     """Fix while the place is searched: the heaviest place, what is claimed of it, and on request the other places.
 
     ``beliefs`` are those after each of the last steps up to this one. Until one place is confirmed, the covariance is
-    that of all particles about the first place.
+    about the first place and holds all others; what the hypotheses' weights lack of one is for places not named.
     """
     belief = beliefs[-1]
     places, e = belief.places, belief.estimate
-    first = places[0].mode
+    first, credit = places[0].mode, 1.0
     if confirmed(beliefs, walked_m, policy):
         sigma = spread(first)
         verdict = Verdict(
@@ -225,13 +230,12 @@ def search_fix(
         )
         cov_xx, cov_xy, cov_yy = calibrate(first, policy, policy.searched_scale)
     else:
-        dx, dy = e.x - first.x, e.y - first.y
-        about = replace(e, cov_xx=e.cov_xx + dx * dx, cov_xy=e.cov_xy + dx * dy, cov_yy=e.cov_yy + dy * dy)
-        cov_xx, cov_xy, cov_yy = calibrate(about, policy, policy.searched_scale)
+        credit = 1.0 if belief.start is None else credible(first.weight, policy) / first.weight
+        cov_xx, cov_xy, cov_yy = _searched(belief, policy)
         short_list = walked_m >= 0.5 * policy.found_m and sum(place.mode.weight for place in places) >= policy.listed
         status = Status.AMBIGUOUS if short_list else Status.INSUFFICIENT
         missing = max(belief.walk_on_m, policy.found_m - walked_m, WALK_ON_M)
-        verdict = Verdict(status, 0.5 * first.weight, sure=False, walk_on_m=missing)
+        verdict = Verdict(status, 0.5 * credit * first.weight, sure=False, walk_on_m=missing)
     return Fix(
         t=t,
         level_id=places[0].level_id,
@@ -245,10 +249,46 @@ def search_fix(
         quality=verdict.quality,
         sure=verdict.sure,
         walk_on_m=verdict.walk_on_m,
-        hypotheses=tuple(_hypothesis(place) for place in places[:MAX_HYPOTHESES]) if hypotheses else (),
+        hypotheses=tuple(_hypothesis(place, credit) for place in places[:MAX_HYPOTHESES]) if hypotheses else (),
     )
 
 
-def _hypothesis(place: Place) -> Hypothesis:
+def credible(weight: float, policy: IntegrityPolicy) -> float:
+    """What a place with this share of a search's belief may be believed, by the field alone.
+
+    A search compares places by their maps and can only guess at ground that nobody surveyed. Where a walk was surveyed
+    throughout, the share of the belief is how often the place is right; over all walks it is right less often.
+    """
+    weight = min(max(weight, 1e-6), 1.0 - 1e-6)
+    return float(1.0 / (1.0 + np.exp(-policy.credit_bias - policy.credit_slope * np.log(weight / (1.0 - weight)))))
+
+
+def _searched(belief: Belief, policy: IntegrityPolicy) -> tuple[float, float, float]:
+    """Covariance about the first place: of all particles as far as it is credible, for the rest of where the walk may
+    have begun. With other evidence than the field, that of the particles, wider than they say."""
+    first = belief.places[0].mode
+    about = _about(belief.estimate, first)
+    if belief.start is None:
+        return calibrate(about, policy, policy.searched_scale)
+    share, anywhere = credible(first.weight, policy), _about(belief.start, first)
+    mixed = replace(
+        first,
+        cov_xx=share * about.cov_xx + (1.0 - share) * anywhere.cov_xx,
+        cov_xy=share * about.cov_xy + (1.0 - share) * anywhere.cov_xy,
+        cov_yy=share * about.cov_yy + (1.0 - share) * anywhere.cov_yy,
+    )
+    return calibrate(mixed, policy)
+
+
+def _about(moments: Estimate | Moments, place: Mode) -> Mode:
+    """Second moments about a place."""
+    dx, dy = moments.x - place.x, moments.y - place.y
+    return replace(
+        place, cov_xx=moments.cov_xx + dx * dx, cov_xy=moments.cov_xy + dx * dy, cov_yy=moments.cov_yy + dy * dy
+    )
+
+
+def _hypothesis(place: Place, credit: float) -> Hypothesis:
+    """The place as it is told; ``credit`` is what is left of its share of the belief."""
     m = place.mode
-    return Hypothesis(place.level_id, m.x, m.y, m.cov_xx, m.cov_xy, m.cov_yy, m.weight)
+    return Hypothesis(place.level_id, m.x, m.y, m.cov_xx, m.cov_xy, m.cov_yy, credit * m.weight)

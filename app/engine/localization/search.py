@@ -21,7 +21,7 @@ from app.engine.inertial import StepEvents
 from app.engine.localization.aids import Evidence, top, weigh_cloud
 from app.engine.localization.initial import InitialSpread, initial_cloud
 from app.engine.localization.motion import take_step
-from app.engine.types import Float64Array, Prior
+from app.engine.types import Float32Array, Float64Array, Prior
 
 STANDS_OUT = 4.0
 """Log odds at which one place stands out."""
@@ -44,7 +44,7 @@ class SearchPolicy:
         Particles this near to each other are one place.
     """
 
-    noise: ParticleNoise = field(default_factory=lambda: ParticleNoise(field=1.4, position=0.3))
+    noise: ParticleNoise = field(default_factory=lambda: ParticleNoise(field=1.6, position=0.3))
     thinning: tuple[tuple[int, float], ...] = ((10, 0.5), (20, 0.25), (40, 0.12))
     window: int = 120
     least: int = 20_000
@@ -71,11 +71,31 @@ class Belief:
         Of the heaviest level's particles.
     walk_on_m : float
         About how far to walk on until one place should stand out, from what the map tells per metre.
+    start : Moments or None
+        Of where the walk may have begun on that level, before any step; None where more than the field was heard.
     """
 
     places: tuple[Place, ...]
     estimate: Estimate
     walk_on_m: float = 0.0
+    start: Moments | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Moments:
+    """Mean (m) and covariance (m^2) of positions."""
+
+    x: float
+    y: float
+    cov_xx: float
+    cov_xy: float
+    cov_yy: float
+
+    @classmethod
+    def of(cls, x: Float32Array, y: Float32Array) -> Moments:
+        """Of equally weighted positions (n,)."""
+        cov = np.cov(x, y, ddof=0, dtype=np.float64)
+        return cls(float(x.mean()), float(y.mean()), float(cov[0, 0]), float(cov[0, 1]), float(cov[1, 1]))
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,13 +126,15 @@ class Found:
 
 @dataclass(frozen=True, slots=True)
 class _LevelRun:
-    """A walk tried on one level: log likelihood, modes and estimate at each asked step, particles at the end."""
+    """A walk tried on one level: log likelihood, modes and estimate at each asked step, particles at the end and where
+    these began, and where all began."""
 
     log_likelihood: Float64Array
     modes: tuple[tuple[Mode, ...], ...]
     estimates: tuple[Estimate, ...]
     cloud: Cloud
     start: Cloud
+    began: Moments
 
 
 def search(
@@ -158,7 +180,9 @@ def search(
     shares /= shares.sum(axis=0)
     rate = min(information_per_m(grid, policy.noise) for grid in grids.values())
     tried = [runs[level_id] for level_id in level_ids]
-    beliefs = tuple(_belief(level_ids, tried, shares[:, k], k, rate) for k in range(shares.shape[1]))
+    beliefs = tuple(
+        _belief(level_ids, tried, shares[:, k], k, rate, alone=not evidence) for k in range(shares.shape[1])
+    )
     best = level_ids[int(shares[:, -1].argmax())]
     return Found(beliefs, best, runs[best].cloud, runs[best].start, whole)
 
@@ -197,6 +221,7 @@ def _run(
 ) -> _LevelRun:
     cloud = initial_cloud(prior, grid, events.mag[0], n, spread, rng)
     start, origin = Cloud(cloud.p.copy()), np.arange(cloud.n)
+    began = Moments.of(cloud.p[0], cloud.p[1])
     thinning = dict(policy.thinning)
     heading = float(events.heading[0])
     total, log_likelihood, modes, estimates = 0.0, [], [], []
@@ -213,10 +238,12 @@ def _run(
             log_likelihood.append(total)
             modes.append(find_modes(moved.weighted, radius_m=policy.merge_m))
             estimates.append(moved.estimate)
-    return _LevelRun(np.array(log_likelihood), tuple(modes), tuple(estimates), cloud, start.take(origin))
+    return _LevelRun(np.array(log_likelihood), tuple(modes), tuple(estimates), cloud, start.take(origin), began)
 
 
-def _belief(level_ids: list[str], runs: list[_LevelRun], shares: Float64Array, k: int, rate: float) -> Belief:
+def _belief(
+    level_ids: list[str], runs: list[_LevelRun], shares: Float64Array, k: int, rate: float, *, alone: bool
+) -> Belief:
     places = [
         Place(level_id, mode.weighted(share))
         for level_id, run, share in zip(level_ids, runs, shares.tolist(), strict=True)
@@ -225,7 +252,8 @@ def _belief(level_ids: list[str], runs: list[_LevelRun], shares: Float64Array, k
     places.sort(key=lambda place: -place.mode.weight)
     first = min(max(places[0].mode.weight, 1e-4), 1.0 - 1e-4)
     missing = STANDS_OUT - float(np.log(first / (1.0 - first)))
-    return Belief(tuple(places), runs[int(shares.argmax())].estimates[k], max(missing, 0.0) / rate)
+    best = runs[int(shares.argmax())]
+    return Belief(tuple(places), best.estimates[k], max(missing, 0.0) / rate, best.began if alone else None)
 
 
 def information_per_m(grid: FilterGrid, noise: ParticleNoise) -> float:
