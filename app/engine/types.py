@@ -358,7 +358,10 @@ class Prior:
 
 @dataclass(frozen=True, slots=True)
 class Hypothesis:
-    """One of several places that fit: level, position (m, level frame), covariance (m^2), share of the belief."""
+    """One of several places that fit: level, position (m, level frame), covariance (m^2), probability of being right.
+
+    What the weights of all hypotheses lack of one is for places not listed.
+    """
 
     level_id: str
     x: float

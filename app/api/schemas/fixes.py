@@ -53,7 +53,12 @@ class HypothesisOut(Out):
     cov_xx: Annotated[float, Field(description="m^2.")]
     cov_xy: float
     cov_yy: float
-    weight: Annotated[float, Field(description="Its share of the belief, 0 to 1.")]
+    weight: Annotated[
+        float,
+        Field(
+            description="How likely it is the right place, 0 to 1; the rest of all weights is for places not listed."
+        ),
+    ]
 
 
 _KIND = (

@@ -55,6 +55,9 @@ class IntegrityPolicy:
         Share of the belief that one place must hold to be taken for the right one.
     found_steps : int
         For so many steps on end.
+    found_log, found_slack : float, nats and nats per m
+        Log odds that it must have besides, which rise with the way: what map and walk err by alike adds up along it, so
+        that a wrong place may win by more the longer it is searched.
     found_m : float
         Metres that must have been walked by then.
     """
@@ -78,6 +81,8 @@ class IntegrityPolicy:
     found: float = 0.999
     found_steps: int = 7
     found_m: float = 25.0
+    found_log: float = 3.0
+    found_slack: float = 0.15
 
 
 @dataclass(frozen=True, slots=True)
@@ -208,6 +213,7 @@ def confirmed(beliefs: Sequence[Belief], walked_m: float, policy: IntegrityPolic
         walked_m >= policy.found_m
         and len(held) >= policy.found_steps
         and min(mode.weight for mode in held) >= policy.found
+        and min(_log_odds(mode.weight) for mode in held) >= policy.found_log + policy.found_slack * walked_m
         and spread(held[-1]) < policy.settle_m
     )
 
@@ -259,8 +265,13 @@ def credible(weight: float, policy: IntegrityPolicy) -> float:
     A search compares places by their maps and can only guess at ground that nobody surveyed. Where a walk was surveyed
     throughout, the share of the belief is how often the place is right; over all walks it is right less often.
     """
-    weight = min(max(weight, 1e-6), 1.0 - 1e-6)
-    return float(1.0 / (1.0 + np.exp(-policy.credit_bias - policy.credit_slope * np.log(weight / (1.0 - weight)))))
+    return float(1.0 / (1.0 + np.exp(-policy.credit_bias - policy.credit_slope * _log_odds(weight))))
+
+
+def _log_odds(weight: float) -> float:
+    """Of a share of the belief, as far as single precision tells it from all."""
+    weight = min(max(weight, 1e-7), 1.0 - 1e-7)
+    return float(np.log(weight / (1.0 - weight)))
 
 
 def _searched(belief: Belief, policy: IntegrityPolicy) -> tuple[float, float, float]:

@@ -279,7 +279,7 @@ class Ellipse(Model):
 
 
 class Hypothesis(Model):
-    """One of several places that fit: level, position (m, level frame), covariance (m^2), share of the belief."""
+    """One of several places that fit: level, position (m, level frame), covariance (m^2), probability of being right."""
 
     level_id: str
     x: float
