@@ -265,7 +265,8 @@ def credible(weight: float, policy: IntegrityPolicy) -> float:
     A search compares places by their maps and can only guess at ground that nobody surveyed. Where a walk was surveyed
     throughout, the share of the belief is how often the place is right; over all walks it is right less often.
     """
-    return float(1.0 / (1.0 + np.exp(-policy.credit_bias - policy.credit_slope * _log_odds(weight))))
+    right = 1.0 / (1.0 + np.exp(-policy.credit_bias - policy.credit_slope * _log_odds(weight)))
+    return min(float(right), weight)
 
 
 def _log_odds(weight: float) -> float:
