@@ -54,7 +54,7 @@ class ParticleNoise:
     scale_walk: float = 0.009
     carry_walk: float = 0.004
     position: float = 0.2
-    field: float = 3.7
+    field: float = 3.0
     correlation_m: float = 2.0
     map_correlation_m: float = 5.0
     offset_walk: float = 0.07

@@ -44,7 +44,7 @@ class SearchPolicy:
         Particles this near to each other are one place.
     """
 
-    noise: ParticleNoise = field(default_factory=lambda: ParticleNoise(field=1.6, position=0.3))
+    noise: ParticleNoise = field(default_factory=lambda: ParticleNoise(field=1.3, position=0.3))
     thinning: tuple[tuple[int, float], ...] = ((10, 0.5), (20, 0.25), (40, 0.12))
     window: int = 120
     least: int = 20_000

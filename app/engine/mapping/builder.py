@@ -8,7 +8,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from app.engine.errors import InputError, MapError
-from app.engine.mapping.adjustment import adjust_walks
+from app.engine.mapping.adjustment import UNADJUSTED, adjust_walks
 from app.engine.mapping.kriging import FieldLevel, FieldSamples, krige_grid
 from app.engine.mapping.offsets import WalkOffsets, estimate_offsets, no_offsets
 from app.engine.mapping.plan import FloorPlan, obstacle_depth
@@ -88,7 +88,7 @@ def build_map(
         sd=sd.astype(np.float32),
         support=_support(samples.xy, x, y),
         mapped_m=settings.mapped_m,
-        noise_sd=tuple(float(s) for s in repeatability(samples, covariance)),
+        noise_sd=tuple(float(s) for s in (UNADJUSTED if settings.align else 1.0) * repeatability(samples, covariance)),
         obstacle=None if plan is None else obstacle_depth(plan, samples.xy, x, y).astype(np.float32),
         radio=build_radio_map(walks, placed),
     )
