@@ -269,7 +269,7 @@ class TestVerdict:
             (0.0, False, False, False, False),
             (0.0, True, False, False, True),
             (2.0, True, False, True, False),
-            (6.0, True, True, False, True),
+            (8.0, True, True, False, True),
         ],
     )
     def test_follows_from_the_odds(
@@ -280,7 +280,7 @@ class TestVerdict:
 
     def test_unmapped_ground_is_no_ground_for_a_verdict(self, hall: GridMap) -> None:
         assert not self.tried(hall, 12.0, mapped=0.5)[0]
-        assert self.tried(hall, 16.0, mapped=0.5)[0]
+        assert self.tried(hall, 18.0, mapped=0.5)[0]
 
     def test_a_track_that_is_borne_out_is_checked_more_and_more_seldom(self, hall: GridMap) -> None:
         _, track = self.tried(hall, -5.0)

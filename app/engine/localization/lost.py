@@ -90,7 +90,7 @@ class LostPolicy:
     slack: float = 0.1
     borne_out: float = -1.0
     doubted: float = 1.5
-    lost: float = 5.0
+    lost: float = 7.0
     seen: float = 0.35
     known: float = 0.7
     unknown: float = 50.0
