@@ -1,10 +1,10 @@
 """Soft iron: what a device's own steel does to the field's shape, told by a walk whose place is known.
 
 The measured field is ``(I + S) m + b``: ``m`` the true field in the levelled device frame (forward, left, up), ``S``
-the soft iron, ``b`` the hard iron (Vasconcelos et al. 2011, doi:10.1109/TAES.2011.5751259, section II). Where the place
-is known, the map predicts ``m``, and ``S``, ``b`` and the error of the heading follow from a recursive linear regression.
-They are conditioned on the track (one estimate a session, at the particles' mean), not sampled and not kept per
-particle: a few percent of soft iron move a place by decimetres, so that particles would hardly differ.
+the soft iron, ``b`` the hard iron (the sensor model of Vasconcelos et al. 2011, doi:10.1109/TAES.2011.5751259). Where
+the place is known, the map predicts ``m``, and ``S``, ``b`` and the error of the heading follow from a recursive linear
+regression. They are conditioned on the track (one estimate a session, at the particles' mean), not sampled and not kept
+per particle: a few percent of soft iron move a place by decimetres, so that particles would hardly differ.
 
 What can be told apart:
 

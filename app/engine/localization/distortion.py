@@ -81,7 +81,8 @@ def _reading(
     """The step's field beside the map's, averaged over the particles.
 
     Neighbouring steps err alike: the map's error and the place's over one length, the noise about the map over another.
-    A step counts for its share of two lengths each, as of a first-order Markov process many steps do.
+    A step counts for its share of a length. (For a constant it would be two lengths, as of a first-order Markov
+    process; but what soft iron does goes with the heading, and what wanders more slowly is the hard iron's.)
     """
     p, w = weighted.p, weighted.p[14].astype(np.float64)
     w /= w.sum()
@@ -90,8 +91,8 @@ def _reading(
     place = w @ (nodes[:, :3] - predicted) ** 2
     horizontal, vertical = w @ nodes[:, 3], w @ nodes[:, 4]
     stride = max(float(events.stride[i]), 0.1)
-    alike = max(2.0 * noise.map_correlation_m / stride, 1.0)
-    alike_noise = max(2.0 * noise.correlation_m / stride, 1.0)
+    alike = max(noise.map_correlation_m / stride, 1.0)
+    alike_noise = max(noise.correlation_m / stride, 1.0)
     about = policy.field**2 * np.array(grid.noise_sd)[[0, 0, 1]] ** 2
     place[:2] = place[:2].mean()  # level frame's axes, and the device's: which way it turns is no matter
     variance = alike * (place + np.array([horizontal, horizontal, vertical])) + alike_noise * about
