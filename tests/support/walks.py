@@ -35,6 +35,13 @@ class Field:
         """Field at (n, 2), shape (n, 3)."""
         return np.cos(xy @ self.wave.T + self.phase) @ self.amplitude + [3.0, 30.0, -30.0]
 
+    def with_errors(self, *others: Field) -> Field:
+        """The sum of this field and what others differ by from their mean."""
+        parts = (self, *others)
+        return Field(
+            *(np.concatenate([getattr(part, name) for part in parts]) for name in ("wave", "phase", "amplitude"))
+        )
+
 
 @dataclass(frozen=True)
 class SimulatedWalk:

@@ -26,13 +26,11 @@ import numpy as np
 
 from app.engine.types import SOFT_IRON_UNKNOWN, DeviceCalibration, Float64Array, SixFloats
 
-_FORWARD, _LEFT, _UP = range(3)
-_PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
-"""Rows and columns of the elements, in the order of :attr:`DeviceCalibration.soft_iron`."""
 _IRON, _OFFSET, _HEADING = slice(0, 6), slice(6, 9), 9
 _HORIZONTAL = [0, 1, 3]
 _OBSERVABLE = [0, 1, 3, 4, 5]
 _STATES = 10
+_IDENTITY = np.eye(_STATES)
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,9 +43,9 @@ class SoftIronLaw:
         Of the hard iron, before the first step.
     heading_sd : float, rad
         Of the tracker's heading at the first step.
-    heading_walk : float, rad per step
+    heading_walk : float, rad per root of a metre
         By which the gyroscope's heading wanders.
-    offset_walk : float, uT per step
+    offset_walk : float, uT per root of a metre
     outlier : float
         Squared innovation over its variance, three channels, from which on a reading counts for less.
     excited : float
@@ -60,8 +58,8 @@ class SoftIronLaw:
 
     offset_sd: float = 5.5
     heading_sd: float = 0.2
-    heading_walk: float = 0.006
-    offset_walk: float = 0.07
+    heading_walk: float = 0.0075
+    offset_walk: float = 0.09
     outlier: float = 11.3
     excited: float = 0.5
     significant: float = 3.0
@@ -73,7 +71,7 @@ _LAW = SoftIronLaw()
 
 @dataclass(frozen=True, slots=True)
 class Reading:
-    """A step's field beside what the map says of it.
+    """The field at a step, beside what the map says of it.
 
     Attributes
     ----------
@@ -87,8 +85,8 @@ class Reading:
         Heading of the device, free azimuth.
     heading : float, rad, level frame
         The same as the tracker has it; only the first one counts.
-    shift : float, uT
-        By which the hard iron may have jumped since the step before.
+    way : float, m
+        Walked since the reading before.
     """
 
     measured: Float64Array
@@ -96,7 +94,7 @@ class Reading:
     variance: Float64Array
     azimuth: float
     heading: float
-    shift: float = 0.0
+    way: float
 
 
 def _nothing() -> Float64Array:
@@ -147,23 +145,28 @@ class SoftIron:
 
     def is_excited(self, law: SoftIronLaw = _LAW) -> bool:
         """Whether the walker has turned enough for the horizontal elements to be known."""
-        return bool(max(self.sd[k] for k in _HORIZONTAL) < law.excited * SOFT_IRON_UNKNOWN)
+        variances = self.cov.diagonal()[_HORIZONTAL]
+        return bool(variances.max() < (law.excited * SOFT_IRON_UNKNOWN) ** 2)
 
     def is_significant(self, law: SoftIronLaw = _LAW) -> bool:
         """Whether there is soft iron beyond doubt: excited, and an element that is not nought."""
-        ratio = np.abs(self.mean[_OBSERVABLE]) / np.array(self.sd)[_OBSERVABLE]
-        return self.is_excited(law) and bool(ratio.max() > law.significant)
+        if not self.is_excited(law):
+            return False
+        squared = self.mean[_OBSERVABLE] ** 2 / self.cov.diagonal()[_OBSERVABLE]
+        return bool(squared.max() > law.significant**2)
 
     def observe(self, reading: Reading, law: SoftIronLaw = _LAW) -> SoftIron:
-        """After one more step: an extended Kalman filter's, whose only bend is the heading."""
+        """After one more reading: an extended Kalman filter's, whose only bend is the heading."""
         turned = reading.heading - reading.azimuth if self.turned is None else self.turned
         angle = reading.azimuth + turned
         c, s = math.cos(angle), math.sin(angle)
         x, y, up = reading.predicted.tolist()
         m = np.array([c * x + s * y, c * y - s * x, up])
-        jacobian = _jacobian(m, matrix(self.mean[_IRON]))
-        expected = m + matrix(self.mean[_IRON]) @ m + self.mean[_OFFSET]
-        cov = self.cov + np.diag([0.0] * 6 + [law.offset_walk**2 + reading.shift**2] * 3 + [law.heading_walk**2])
+        distortion = np.eye(3) + matrix(self.mean[_IRON])
+        jacobian = _jacobian(m, distortion)
+        expected = distortion @ m + self.mean[_OFFSET]
+        wandered = [reading.way * law.offset_walk**2] * 3 + [reading.way * law.heading_walk**2]
+        cov = self.cov + np.diag([0.0] * 6 + wandered)
         mean, cov = _update(self.mean, cov, jacobian, reading.measured - expected, reading.variance, law)
         turned, mean[_HEADING] = turned + float(mean[_HEADING]), 0.0
         return replace(self, mean=mean, cov=cov, turned=turned)
@@ -171,9 +174,15 @@ class SoftIron:
     def renewed(self, law: SoftIronLaw = _LAW) -> SoftIron:
         """With the correction that the estimate calls for: none, the one in use if it is about right, or a new one."""
         wanted = self.mean[_IRON] if self.is_significant(law) else _nothing()
+        if not wanted.any() and not self.applied.any():
+            return self
         if self.applied.any() and self.is_excited(law) and np.abs(wanted - self.applied).max() < law.settled:
             return self
         return replace(self, applied=wanted.copy())
+
+    def shifted(self, shift: float) -> SoftIron:
+        """After the field has jumped by so much, uT, and stayed so: the hard iron is open by it."""
+        return replace(self, cov=self.cov + np.diag([0.0] * 6 + [shift**2] * 3 + [0.0]))
 
     def after_gap(self, law: SoftIronLaw = _LAW) -> SoftIron:
         """After a time nobody watched: the gyroscope did not either."""
@@ -211,15 +220,17 @@ def _six(values: Float64Array) -> SixFloats:
     return ff, ll, uu, fl, fu, lu
 
 
-def _jacobian(m: Float64Array, iron: Float64Array) -> Float64Array:
-    """Derivative of the reading by the states, shape (3, 10), at a field ``m`` of the levelled device."""
-    jacobian = np.zeros((3, _STATES))
-    for k, (row, column) in enumerate(_PAIRS):
-        jacobian[row, k] = m[column]
-        jacobian[column, k] = m[row]
-    jacobian[:, _OFFSET] = np.eye(3)
-    jacobian[:, _HEADING] = (np.eye(3) + iron) @ [m[_LEFT], -m[_FORWARD], 0.0]
-    return jacobian
+def _jacobian(m: Float64Array, distortion: Float64Array) -> Float64Array:
+    """Derivative of the reading ``distortion m + offset`` by the states, shape (3, 10)."""
+    forward, left, up = m.tolist()
+    turned = (distortion[:, 0] * left - distortion[:, 1] * forward).tolist()
+    return np.array(
+        [
+            [forward, 0.0, 0.0, left, up, 0.0, 1.0, 0.0, 0.0, turned[0]],
+            [0.0, left, 0.0, forward, 0.0, up, 0.0, 1.0, 0.0, turned[1]],
+            [0.0, 0.0, up, 0.0, forward, left, 0.0, 0.0, 1.0, turned[2]],
+        ]
+    )
 
 
 def _update(
@@ -231,10 +242,13 @@ def _update(
     law: SoftIronLaw,
 ) -> tuple[Float64Array, Float64Array]:
     """Kalman update in Joseph's form; a reading that is an outlier is taken for as noisy as it looks."""
-    noise = np.diag(variance)
-    spread = jacobian @ cov @ jacobian.T
-    nis = float(innovation @ np.linalg.solve(spread + noise, innovation))
-    noise *= max(nis / law.outlier, 1.0) ** 2
-    gain = np.linalg.solve(spread + noise, jacobian @ cov).T
-    keep = np.eye(_STATES) - gain @ jacobian
-    return mean + gain @ innovation, keep @ cov @ keep.T + gain @ noise @ gain.T
+    crossed = jacobian @ cov
+    spread = crossed @ jacobian.T
+    precision = np.linalg.inv(spread + np.diag(variance))
+    nis = float(innovation @ precision @ innovation)
+    if nis > law.outlier:
+        variance = variance * (nis / law.outlier) ** 2
+        precision = np.linalg.inv(spread + np.diag(variance))
+    gain = crossed.T @ precision
+    keep = _IDENTITY - gain @ jacobian
+    return mean + gain @ innovation, keep @ cov @ keep.T + (gain * variance) @ gain.T

@@ -14,6 +14,8 @@ from app.engine.localization.session import Track
 from app.engine.types import FeatureSet
 
 _FIELD_UT = 50.0
+_PARTICLES = 200
+"""Of a cloud no more are needed for a mean of the map and its spread."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +49,9 @@ def learn(
     """
     if events.carrying[i]:  # the device was turned, and its soft iron with it
         _forget(track)
-    if not _tells(track, events, i, policy):
+    elif events.shift[i] > 0.0:
+        track.soft_iron = track.soft_iron.shifted(float(events.shift[i]))
+    if not _tells(track, events, i, noise, policy):
         return
     before = track.soft_iron
     track.soft_iron = before.observe(_reading(weighted, grid, events, i, noise, policy)).renewed()
@@ -62,17 +66,23 @@ def _forget(track: Track) -> None:
     track.soft_iron = SoftIron.start(None)
 
 
-def _tells(track: Track, events: StepEvents, i: int, policy: DistortionPolicy) -> bool:
-    """Whether a step is undisturbed, on the map, and where it is thought to be."""
+def _tells(track: Track, events: StepEvents, i: int, noise: ParticleNoise, policy: DistortionPolicy) -> bool:
+    """Whether a step is the next one to count, undisturbed, on the map, and where it is thought to be."""
     integrity, estimate = track.integrity, track.estimate
     return (
         track.features is FeatureSet.VECTOR
         and integrity.borne_out
         and not integrity.doubted
         and not events.disturbed[i]
+        and _is_due(integrity.walked_m, float(events.stride[i]), noise.correlation_m)
         and estimate.mapped >= policy.mapped
         and spread(estimate) <= policy.sure_m
     )
+
+
+def _is_due(walked_m: float, stride: float, every_m: float) -> bool:
+    """Whether a multiple of so many metres was passed with this stride: the steps between tell nothing new."""
+    return walked_m // every_m > (walked_m - stride) // every_m
 
 
 def _reading(
@@ -80,21 +90,21 @@ def _reading(
 ) -> Reading:
     """The step's field beside the map's, averaged over the particles.
 
-    Neighbouring steps err alike: the map's error and the place's over one length, the noise about the map over another.
-    A step counts for its share of a length. (For a constant it would be two lengths, as of a first-order Markov
-    process; but what soft iron does goes with the heading, and what wanders more slowly is the hard iron's.)
+    Neighbours err alike: the map's error and the place's over one length, the noise about the map over another (that
+    of the readings that are taken). A reading counts for its share of a length. (For a constant it would be two
+    lengths, as of a first-order Markov process; but what soft iron does goes with the heading, and what wanders more
+    slowly is the hard iron's.)
     """
-    p, w = weighted.p, weighted.p[14].astype(np.float64)
+    p = weighted.p[:, :: max(weighted.n // _PARTICLES, 1)]  # neighbours are of one family: this is a layered sample
+    w = p[14].astype(np.float64)
     w /= w.sum()
     nodes = grid.lookup(p[0], p[1]).astype(np.float64)
     predicted = w @ nodes[:, :3]
     place = w @ (nodes[:, :3] - predicted) ** 2
     horizontal, vertical = w @ nodes[:, 3], w @ nodes[:, 4]
-    stride = max(float(events.stride[i]), 0.1)
-    alike = max(noise.map_correlation_m / stride, 1.0)
-    alike_noise = max(noise.correlation_m / stride, 1.0)
+    alike = max(noise.map_correlation_m / noise.correlation_m, 1.0)
     about = policy.field**2 * np.array(grid.noise_sd)[[0, 0, 1]] ** 2
     place[:2] = place[:2].mean()  # level frame's axes, and the device's: which way it turns is no matter
-    variance = alike * (place + np.array([horizontal, horizontal, vertical])) + alike_noise * about
+    variance = alike * (place + np.array([horizontal, horizontal, vertical])) + about
     heading = float(np.angle(w @ (p[2] + 1j * p[3])))
-    return Reading(events.mag[i], predicted, variance, float(events.heading[i]), heading, float(events.shift[i]))
+    return Reading(events.mag[i], predicted, variance, float(events.heading[i]), heading, noise.correlation_m)
