@@ -146,8 +146,8 @@ class TestRegression:
 
     def test_a_magnet_that_came_to_stay_opens_the_hard_iron(self) -> None:
         rng = np.random.default_rng(9)
-        before = readings(rng, ELEMENTS)
-        later = [replace(reading, measured=reading.measured + [30.0, -20.0, 10.0]) for reading in before]
+        before, magnet = readings(rng, ELEMENTS), np.array([30.0, -20.0, 10.0])
+        later = [replace(reading, measured=reading.measured + magnet) for reading in before]
         iron = after(later, after(before).shifted(35.0))
         assert squared_error(iron, ELEMENTS) < chi2.ppf(0.99, 6)
 

@@ -95,16 +95,12 @@ def _reading(
     lengths, as of a first-order Markov process; but what soft iron does goes with the heading, and what wanders more
     slowly is the hard iron's.)
     """
-    p = weighted.p[:, :: max(weighted.n // _PARTICLES, 1)]  # neighbours are of one family: this is a layered sample
-    w = p[14].astype(np.float64)
-    w /= w.sum()
-    nodes = grid.lookup(p[0], p[1]).astype(np.float64)
-    predicted = w @ nodes[:, :3]
-    place = w @ (nodes[:, :3] - predicted) ** 2
-    horizontal, vertical = w @ nodes[:, 3], w @ nodes[:, 4]
+    x, y, c, s = weighted.p[:4, weighted.draw(_PARTICLES, 0.5)]
+    nodes = grid.lookup(x, y)[:, :5].astype(np.float64)
+    mean, place = nodes.mean(axis=0), nodes[:, :3].var(axis=0)
     alike = max(noise.map_correlation_m / noise.correlation_m, 1.0)
     about = policy.field**2 * np.array(grid.noise_sd)[[0, 0, 1]] ** 2
     place[:2] = place[:2].mean()  # level frame's axes, and the device's: which way it turns is no matter
-    variance = alike * (place + np.array([horizontal, horizontal, vertical])) + about
-    heading = float(np.angle(w @ (p[2] + 1j * p[3])))
-    return Reading(events.mag[i], predicted, variance, float(events.heading[i]), heading, noise.correlation_m)
+    variance = alike * (place + mean[[3, 3, 4]]) + about
+    heading = float(np.arctan2(s.sum(), c.sum()))
+    return Reading(events.mag[i], mean[:3], variance, float(events.heading[i]), heading, noise.correlation_m)
