@@ -12,6 +12,8 @@ from app.engine.calibration import SoftIron
 from app.engine.errors import StateError
 from app.engine.filtering import (
     Advance,
+    Cloud,
+    Estimate,
     FilterGrid,
     ParticleNoise,
     find_modes,
@@ -46,7 +48,7 @@ from app.engine.localization.lost import Check, LostPolicy, Watch, convict, give
 from app.engine.localization.motion import take_step
 from app.engine.localization.profile import join, newest, no_steps
 from app.engine.localization.radio import RadioMemory
-from app.engine.localization.search import Belief, Place, SearchPolicy, search
+from app.engine.localization.search import Belief, Found, Place, SearchPolicy, search
 from app.engine.localization.session import Quest, SessionState, Track, estimate_of, weigh_by
 from app.engine.types import (
     Answer,
@@ -333,32 +335,32 @@ class ParticleTracker:
             yield search_fix(float(events.t[i]), beliefs[: len(beliefs) - len(events) + i + 1], walked, self.policy)
         yield search_fix(t, beliefs, walked, self.policy, hypotheses=True)
         if confirmed(beliefs, walked, self.policy):
-            cloud = found.cloud.thin(self.parameters.particles, float(rng.random()))
-            cloud.p[:2] += self.policy.handover_m * rng.standard_normal((2, cloud.n)).astype(np.float32)
-            integrity, grid = Integrity(walked_m=walked, settled=True, borne_out=True), grids[found.level_id]
-            iron = SoftIron.start(quest.prior.calibration)
-            session.track = Track(
-                found.level_id,
-                grid.features,
-                float(quest.events.heading[-1]),
-                cloud,
-                beliefs[-1].estimate,
-                integrity,
-                soft_iron=iron,
-            )
-            session.quest = None
+            self._settle(session, quest, found, grids[found.level_id], walked, rng)
             session.aids = replace(session.aids, radio=replace(evaluator.memory, last_t=session.aids.radio.last_t))
-            if quest.whole:
-                e, first_heading = estimate_of(found.start, grid), float(quest.events.heading[0])
-                session.beginning = Track(
-                    found.level_id,
-                    grid.features,
-                    first_heading,
-                    found.start,
-                    e,
-                    Integrity(settled=True, borne_out=True),
-                    soft_iron=iron,
-                )
+
+    def _settle(
+        self,
+        session: SessionState,
+        quest: Quest,
+        found: Found,
+        grid: FilterGrid,
+        walked: float,
+        rng: np.random.Generator,
+    ) -> None:
+        """From a quest that has found its place to a track there, and to its beginning if the quest knows the way."""
+        cloud = found.cloud.thin(self.parameters.particles, float(rng.random()))
+        cloud.p[:2] += self.policy.handover_m * rng.standard_normal((2, cloud.n)).astype(np.float32)
+        iron = SoftIron.start(quest.prior.calibration)
+        headings = no_steps().heading if quest.events is None else quest.events.heading
+
+        def track(heading: float, cloud: Cloud, estimate: Estimate, integrity: Integrity) -> Track:
+            return Track(found.level_id, grid.features, heading, cloud, estimate, integrity, soft_iron=iron)
+
+        integrity = Integrity(settled=True, borne_out=True)
+        now = replace(integrity, walked_m=walked)
+        session.track, session.quest = track(float(headings[-1]), cloud, found.beliefs[-1].estimate, now), None
+        if quest.whole:
+            session.beginning = track(float(headings[0]), found.start, estimate_of(found.start, grid), integrity)
 
     def _unstarted(
         self, prior: Prior, grids: Mapping[str, FilterGrid], reading: Float64Array, t: float, rng: np.random.Generator
