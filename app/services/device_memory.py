@@ -74,9 +74,9 @@ def _remember_strides(uow: UnitOfWork, device_id: str, scales: Sequence[float], 
     memories = uow.devices.memories(device_id)
     latest = memories[0] if memories else DeviceMemory(device_id, "", unknown_device(), n_sessions=0, updated_at=now)
     before = latest.calibration
-    # the offset is as old as it was: a survey tells nothing of it, so it does not fade either
+    # the iron is as old as it was: a survey tells nothing of it, so it does not fade either
     stride = remember_strides(next_session(before) if memories else before, scales)
-    taught = DeviceCalibration(before.offset, before.offset_sd, stride.stride_scale, stride.stride_scale_sd)
+    taught = replace(before, stride_scale=stride.stride_scale, stride_scale_sd=stride.stride_scale_sd)
     uow.devices.set_memory(replace(latest, calibration=taught, updated_at=now))
 
 

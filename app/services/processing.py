@@ -165,8 +165,8 @@ def _usable(calibration: DeviceCalibration | None) -> DeviceCalibration | None:
     """None for a calibration that is not finite: nothing is learned from it, and the positions stand without it."""
     if calibration is None:
         return None
-    spreads = (*calibration.offset_sd, calibration.stride_scale_sd)
-    values = (*calibration.offset, calibration.stride_scale, *spreads)
+    spreads = (*calibration.offset_sd, calibration.stride_scale_sd, *calibration.soft_iron_sd)
+    values = (*calibration.offset, calibration.stride_scale, *calibration.soft_iron, *spreads)
     return calibration if all(map(math.isfinite, values)) and min(spreads) >= 0.0 else None
 
 

@@ -145,6 +145,7 @@ device_calibrations = Table(
     _double("offset_sd_z"),
     _double("stride_scale"),
     _double("stride_scale_sd"),
+    Column("soft_iron", JSON, nullable=True),
     Column("n_sessions", Integer, nullable=False),
     _time("updated_at"),
 )

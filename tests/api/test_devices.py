@@ -40,6 +40,7 @@ def test_what_sessions_taught_is_shown_and_forgotten(api: Api, monkeypatch: pyte
     assert known["offset"] == list(expected.offset)
     assert known["offset_sd"] == list(expected.offset_sd)
     assert (known["stride_scale"], known["stride_scale_sd"]) == (expected.stride_scale, expected.stride_scale_sd)
+    assert (known["soft_iron"], known["soft_iron_sd"]) == (list(expected.soft_iron), list(expected.soft_iron_sd))
     assert known["updated_at"]
 
     second = api.ok("POST", "/v1/sessions", json=opening)
@@ -49,11 +50,15 @@ def test_what_sessions_taught_is_shown_and_forgotten(api: Api, monkeypatch: pyte
         "offset_sd": list(start.offset_sd),
         "stride_scale": start.stride_scale,
         "stride_scale_sd": start.stride_scale_sd,
+        "soft_iron": list(start.soft_iron),
+        "soft_iron_sd": list(start.soft_iron_sd),
     }
+    assert start.soft_iron[0] > 0.01
     assert api.ok("GET", f"/v1/sessions/{second['id']}") == second
     other = api.ok("POST", "/v1/sessions", json={**opening, "calibration_epoch": "bias-2"})
     assert other["calibration"]["offset_sd"] == [5.5, 5.5, 5.5]
     assert other["calibration"]["stride_scale"] == start.stride_scale
+    assert other["calibration"]["soft_iron"] == [0.0] * 6
 
     response = api.call("DELETE", f"/v1/devices/{device_id}/calibrations", key=Scope.LOCATE)
     assert (response.status_code, response.content) == (204, b"")

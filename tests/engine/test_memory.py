@@ -163,6 +163,52 @@ def test_another_epoch_knows_the_stride_only() -> None:
     assert (start.stride_scale, start.stride_scale_sd) == pytest.approx((1.15, math.hypot(0.04, 0.02)))
 
 
+IRON = (0.08, -0.06, 0.0, 0.05, -0.03, 0.04)
+IRON_SD = (0.015, 0.014, 0.036, 0.012, 0.015, 0.013)
+
+
+def test_soft_iron_is_taken_over_with_its_uncertainty() -> None:
+    learned = replace(known(3.0, 2.0), soft_iron=IRON, soft_iron_sd=IRON_SD)
+    memory = remember(unknown_device(), None, learned)
+    assert memory.soft_iron == pytest.approx(IRON)  # an honest session that began with nothing: taken as it is
+    assert memory.soft_iron_sd == pytest.approx(IRON_SD)
+    start = next_session(memory)
+    assert start.soft_iron == memory.soft_iron
+    assert start.soft_iron_sd == pytest.approx([math.hypot(sd, LAW.soft_iron_drift) for sd in IRON_SD])
+
+
+def test_soft_iron_that_a_session_did_not_excite_stays_as_it_was() -> None:
+    start = next_session(replace(known(3.0, 2.0), soft_iron=IRON, soft_iron_sd=IRON_SD))
+    fused = remember(start, start, replace(start, offset=(4.0, 4.0, 4.0), offset_sd=(2.0, 2.0, 2.0)))
+    assert (fused.soft_iron, fused.soft_iron_sd) == (start.soft_iron, start.soft_iron_sd)
+
+
+def test_sessions_average_their_soft_iron_down_to_the_floor() -> None:
+    """Each sees it to three percent; begun with the memory each, none counts twice."""
+    rng, memory, errors = np.random.default_rng(3), unknown_device(), []
+    for _ in range(40):
+        start = next_session(memory)
+        pairs = [
+            ((value / sd**2 + seen / 0.03**2) / (sd**-2 + 0.03**-2), (sd**-2 + 0.03**-2) ** -0.5)
+            for value, sd, seen in zip(
+                start.soft_iron, start.soft_iron_sd, IRON + 0.03 * rng.normal(size=6), strict=True
+            )
+        ]
+        values, sds = zip(*pairs, strict=True)
+        memory = remember(start, start, replace(start, soft_iron=values, soft_iron_sd=sds))
+        errors.append((np.array(memory.soft_iron) - IRON) / memory.soft_iron_sd)
+    assert all(LAW.soft_iron_floor <= sd < 0.015 for sd in memory.soft_iron_sd)
+    assert np.mean(np.square(errors[10:])) < 1.5
+
+
+def test_soft_iron_is_of_its_epoch_and_surveys_leave_it_alone() -> None:
+    memory = replace(known(9.0, 2.0), soft_iron=IRON, soft_iron_sd=IRON_SD)
+    assert next_epoch(memory).soft_iron == unknown_device().soft_iron == (0.0,) * 6
+    assert next_epoch(memory).soft_iron_sd == unknown_device().soft_iron_sd
+    taught = remember_strides(memory, [1.1])
+    assert (taught.soft_iron, taught.soft_iron_sd) == (IRON, IRON_SD)
+
+
 def test_a_deleted_memory_does_not_come_back_through_a_session() -> None:
     """Begun with a wrong memory, ended after it was deleted: only what the session itself saw is remembered."""
     wrong = next_session(known(-20.0, 2.0))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -13,7 +14,8 @@ from alembic.migration import MigrationContext
 from alembic.script import ScriptDirectory
 from sqlalchemy import Engine, inspect, text
 
-from app.engine.types import FixKind, Hypothesis, Prior
+from app.engine.localization.codec import calibration_from
+from app.engine.types import DeviceCalibration, FixKind, Hypothesis, Prior
 from app.services.aids import NO_AIDS
 from app.services.records import LevelMap
 from app.storage import Database
@@ -156,6 +158,28 @@ def test_a_session_of_before_has_no_aids_and_taught_nothing(tmp_path: Path) -> N
         recording = uow.sessions.load_segment("ses", 0)
         assert recording.aids.wifi is not None
         assert replace(recording.aids, wifi=None) == NO_AIDS
+    database.close()
+
+
+def test_a_device_of_before_is_remembered_without_soft_iron(tmp_path: Path) -> None:
+    """As is what its open sessions learned; going back keeps the rest."""
+    database = _at_revision(tmp_path, "r0007")
+    learned = '{"offset": [1, 2, 3], "offset_sd": [2, 2, 2], "stride_scale": 1.1, "stride_scale_sd": 0.05}'
+    with database.engine.begin() as connection:
+        connection.exec_driver_sql(f"INSERT INTO devices VALUES ('dev', 'phone', NULL, '{_NOW}')")
+        connection.exec_driver_sql(
+            f"INSERT INTO device_calibrations VALUES ('dev', '', 1, 2, 3, 2, 2, 2, 1.1, 0.05, 4, '{_NOW}')"
+        )
+    database.migrate()
+    expected = DeviceCalibration((1.0, 2.0, 3.0), (2.0, 2.0, 2.0), 1.1, 0.05)
+    with database() as uow:
+        (memory,) = uow.devices.memories("dev")
+    assert memory.calibration == expected == calibration_from(json.loads(learned))
+    with database.engine.begin() as connection:
+        command.downgrade(config_for(connection), "r0007")
+    database.migrate()
+    with database() as uow:
+        assert uow.devices.memories("dev") == (memory,)
     database.close()
 
 

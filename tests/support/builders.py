@@ -157,7 +157,8 @@ def _f32(*values: float) -> np.ndarray:
 
 def calibration(offset: float = 3.0, sd: float = 1.5, stride: float = 1.05) -> DeviceCalibration:
     """What a session might have learned."""
-    return DeviceCalibration((offset, -offset, offset / 2), (sd, sd, 2 * sd), stride, 0.05)
+    iron, iron_sd = (0.03, -0.05, 0.01, 0.02, -0.04, 0.0), (0.015, 0.014, 0.035, 0.012, 0.013, 0.013)
+    return DeviceCalibration((offset, -offset, offset / 2), (sd, sd, 2 * sd), stride, 0.05, iron, iron_sd)
 
 
 def new_segment(seq: int = 0, *, n: int = 250, seed: int | None = None, aids: Aids = NO_AIDS) -> NewSegment:

@@ -35,6 +35,13 @@ class Field:
         """Field at (n, 2), shape (n, 3)."""
         return np.cos(xy @ self.wave.T + self.phase) @ self.amplitude + [3.0, 30.0, -30.0]
 
+    def with_errors(self, *others: Field) -> Field:
+        """The sum of this field and what others differ by from their mean."""
+        parts = (self, *others)
+        return Field(
+            *(np.concatenate([getattr(part, name) for part in parts]) for name in ("wave", "phase", "amplitude"))
+        )
+
 
 @dataclass(frozen=True)
 class SimulatedWalk:
@@ -55,12 +62,16 @@ def walk_through(
     rng: np.random.Generator,
     *,
     hard_iron: Float64Array | None = None,
+    soft_iron: Float64Array | None = None,
     carry: float = 0.0,
     noise_ut: float = 0.3,
     stride_m: float = STRIDE_M,
     t0: float = 1_700_000_000.0,
 ) -> SimulatedWalk:
-    """A phone held flat, carried along straight legs between ``corners`` (n, 2) at an even pace."""
+    """A phone held flat, carried along straight legs between ``corners`` (n, 2) at an even pace.
+
+    ``hard_iron`` (3,) uT is of the body, ``soft_iron`` (3, 3) of the levelled device (forward, left, up).
+    """
     speed = stride_m * CADENCE_HZ
     legs = np.linalg.norm(np.diff(corners, axis=0), axis=1)
     along = np.concatenate([[0.0], np.cumsum(legs)])
@@ -80,7 +91,9 @@ def walk_through(
     b = field.at(xy)
     c, d = np.cos(heading), np.sin(heading)
     forward, left = c * b[:, 0] + d * b[:, 1], -d * b[:, 0] + c * b[:, 1]
-    mag = np.stack([-left, forward, b[:, 2]], axis=1)  # body: x right, y forward, z up
+    levelled = np.stack([forward, left, b[:, 2]], axis=1)
+    levelled = levelled if soft_iron is None else levelled @ (np.eye(3) + soft_iron).T
+    mag = levelled[:, [1, 0, 2]] * [-1.0, 1.0, 1.0]  # body: x right, y forward, z up
     mag += (np.zeros(3) if hard_iron is None else hard_iron) + noise_ut * rng.standard_normal((n, 3))
     acc += 0.1 * rng.standard_normal((n, 3))
     gyro += 0.005 * rng.standard_normal((n, 3))

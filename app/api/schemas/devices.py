@@ -18,6 +18,8 @@ CALIBRATION_EXAMPLE: dict[str, Any] = {
     "offset_sd": [2.83, 2.83, 2.83],
     "stride_scale": 1.04,
     "stride_scale_sd": 0.045,
+    "soft_iron": [0.021, -0.034, 0.006, 0.012, -0.008, 0.015],
+    "soft_iron_sd": [0.014, 0.013, 0.035, 0.012, 0.013, 0.013],
 }
 _MEMORY = {
     "epoch": "bias-5f2c",
@@ -28,6 +30,12 @@ _MEMORY = {
     "updated_at": "2026-11-22T09:42:10.000Z",
 }
 _AXES = Field(min_length=3, max_length=3, description="Forward, left, up of the levelled device, uT.")
+_ELEMENTS = Field(
+    min_length=6,
+    max_length=6,
+    description="Forward-forward, left-left, up-up, forward-left, forward-up, left-up of the symmetric matrix S, "
+    "levelled device: a true field m reads (I + S) m + offset.",
+)
 
 
 class CalibrationOut(Out):
@@ -39,6 +47,8 @@ class CalibrationOut(Out):
     offset_sd: Annotated[list[float], _AXES]
     stride_scale: Annotated[float, Field(description="Stride of the carrier over that of the stride model.")]
     stride_scale_sd: float
+    soft_iron: Annotated[list[float], _ELEMENTS]
+    soft_iron_sd: Annotated[list[float], _ELEMENTS]
 
     @classmethod
     def of(cls, known: DeviceCalibration) -> Self:
@@ -74,6 +84,8 @@ def _calibration(known: DeviceCalibration) -> dict[str, Any]:
         "offset_sd": list(known.offset_sd),
         "stride_scale": known.stride_scale,
         "stride_scale_sd": known.stride_scale_sd,
+        "soft_iron": list(known.soft_iron),
+        "soft_iron_sd": list(known.soft_iron_sd),
     }
 
 

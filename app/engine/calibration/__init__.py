@@ -8,5 +8,17 @@ from app.engine.calibration.memory import (
     remember_strides,
     unknown_device,
 )
+from app.engine.calibration.soft_iron import Reading, SoftIron, SoftIronLaw, without_soft_iron
 
-__all__ = ["MemoryLaw", "next_epoch", "next_session", "remember", "remember_strides", "unknown_device"]
+__all__ = [
+    "MemoryLaw",
+    "Reading",
+    "SoftIron",
+    "SoftIronLaw",
+    "next_epoch",
+    "next_session",
+    "remember",
+    "remember_strides",
+    "unknown_device",
+    "without_soft_iron",
+]

@@ -16,9 +16,9 @@ from __future__ import annotations
 import math
 import statistics
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
-from app.engine.types import DeviceCalibration
+from app.engine.types import SOFT_IRON_UNKNOWN, DeviceCalibration, SixFloats
 
 _TINY = 1e-6
 
@@ -29,13 +29,13 @@ class MemoryLaw:
 
     Attributes
     ----------
-    offset_wide, stride_wide : float
+    offset_wide, stride_wide, soft_iron_wide : float
         Standard deviations over devices and carriers: what is known of a new one. The tracker's own start.
-    offset_drift, stride_drift : float
+    offset_drift, stride_drift, soft_iron_drift : float
         Change from one session to the next, one standard deviation.
-    offset_floor, stride_floor : float
+    offset_floor, stride_floor, soft_iron_floor : float
         Neither a session nor the memory knows better than this: by so much sessions of one phone differ on recorded
-        walks.
+        walks (of soft iron: by so much a phone is held otherwise).
     stride_walk : float
         By so much single survey walks of one carrier differ: pace, and labels that are off.
     """
@@ -47,28 +47,34 @@ class MemoryLaw:
     offset_floor: float = 2.0
     stride_floor: float = 0.04
     stride_walk: float = 0.1
+    soft_iron_wide: float = SOFT_IRON_UNKNOWN
+    soft_iron_drift: float = 0.005
+    soft_iron_floor: float = 0.01
 
 
 _LAW = MemoryLaw()
 
 
 def unknown_device(law: MemoryLaw = _LAW) -> DeviceCalibration:
-    """What is known about a device never seen: no offset and the stride of the model, give or take."""
+    """What is known about a device never seen: no iron and the stride of the model, give or take."""
     wide = law.offset_wide
-    return DeviceCalibration((0.0, 0.0, 0.0), (wide, wide, wide), 1.0, law.stride_wide)
+    return DeviceCalibration(
+        (0.0, 0.0, 0.0), (wide, wide, wide), 1.0, law.stride_wide, soft_iron_sd=_six([law.soft_iron_wide] * 6)
+    )
 
 
 def next_session(memory: DeviceCalibration, law: MemoryLaw = _LAW) -> DeviceCalibration:
     """What the memory is worth in the next session: the same values, less certain by the drift."""
     x, y, z = (min(math.hypot(sd, law.offset_drift), law.offset_wide) for sd in memory.offset_sd)
     stride_sd = min(math.hypot(memory.stride_scale_sd, law.stride_drift), law.stride_wide)
-    return DeviceCalibration(memory.offset, (x, y, z), memory.stride_scale, stride_sd)
+    iron_sd = _six([min(math.hypot(sd, law.soft_iron_drift), law.soft_iron_wide) for sd in memory.soft_iron_sd])
+    return replace(memory, offset_sd=(x, y, z), stride_scale_sd=stride_sd, soft_iron_sd=iron_sd)
 
 
 def next_epoch(memory: DeviceCalibration, law: MemoryLaw = _LAW) -> DeviceCalibration:
     """What the memory is worth once the magnetometer was recalibrated: the carrier's stride only."""
     known, unknown = next_session(memory, law), unknown_device(law)
-    return DeviceCalibration(unknown.offset, unknown.offset_sd, known.stride_scale, known.stride_scale_sd)
+    return replace(unknown, stride_scale=known.stride_scale, stride_scale_sd=known.stride_scale_sd)
 
 
 def remember(
@@ -106,13 +112,18 @@ def remember(
         (learned.stride_scale, learned.stride_scale_sd),
         law.stride_floor,
     )
-    return DeviceCalibration((x, y, z), (sx, sy, sz), stride, stride_sd)
+    iron = [
+        _fuse(*pairs, law.soft_iron_floor)
+        for pairs in zip(_soft_iron(expected), _soft_iron(before), _soft_iron(learned), strict=True)
+    ]
+    values, sds = zip(*iron, strict=True)
+    return DeviceCalibration((x, y, z), (sx, sy, sz), stride, stride_sd, _six(values), _six(sds))
 
 
 def remember_strides(expected: DeviceCalibration, scales: Sequence[float], law: MemoryLaw = _LAW) -> DeviceCalibration:
     """The memory after survey walks of the device: strides between known positions are measured, not inferred.
 
-    The hard iron stays as it was: survey walks name no calibration epoch.
+    Hard and soft iron stay as they were: survey walks name no calibration epoch.
 
     Parameters
     ----------
@@ -127,7 +138,17 @@ def remember_strides(expected: DeviceCalibration, scales: Sequence[float], law: 
     stride, stride_sd = _update(
         (expected.stride_scale, expected.stride_scale_sd), statistics.median(scales), noise, law.stride_floor
     )
-    return DeviceCalibration(expected.offset, expected.offset_sd, stride, stride_sd)
+    return replace(expected, stride_scale=stride, stride_scale_sd=stride_sd)
+
+
+def _soft_iron(known: DeviceCalibration) -> list[tuple[float, float]]:
+    """Each element with its standard deviation."""
+    return list(zip(known.soft_iron, known.soft_iron_sd, strict=True))
+
+
+def _six(values: Sequence[float]) -> SixFloats:
+    ff, ll, uu, fl, fu, lu = values
+    return ff, ll, uu, fl, fu, lu
 
 
 def _fuse(

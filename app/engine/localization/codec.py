@@ -9,6 +9,7 @@ from typing import Any
 import msgpack
 import numpy as np
 
+from app.engine.calibration import SoftIron
 from app.engine.errors import StateError
 from app.engine.inertial import Attitude, LevelledSamples
 from app.engine.inertial.carrying import Carrying
@@ -19,7 +20,9 @@ from app.engine.inertial.pressure import Barometer
 from app.engine.inertial.wheels import Odometer
 from app.engine.types import DeviceCalibration, PressureReadings, Prior, SpeedReadings, StepCounts
 
-VERSION = 4
+VERSION = 5
+_SOFT_IRON = ("soft_iron", "soft_iron_sd")
+"""Calibrations stored before soft iron was learned are without: nothing is known of it."""
 
 
 def pack(values: dict[str, Any]) -> bytes:
@@ -110,7 +113,18 @@ def calibration_from(values: Mapping[str, Any]) -> DeviceCalibration:
         offset_sd=tuple(values["offset_sd"]),
         stride_scale=values["stride_scale"],
         stride_scale_sd=values["stride_scale_sd"],
+        **{name: tuple(values[name]) for name in _SOFT_IRON if name in values},
     )
+
+
+def soft_iron_values(soft_iron: SoftIron) -> list[Any]:
+    """A session's estimate of soft iron as plain values."""
+    return [soft_iron.mean, soft_iron.cov, soft_iron.turned, soft_iron.applied]
+
+
+def soft_iron_from(values: Sequence[Any]) -> SoftIron:
+    """Inverse of :func:`soft_iron_values`."""
+    return SoftIron(*values)
 
 
 def _encode(value: object) -> dict[str, Any]:

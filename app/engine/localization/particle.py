@@ -8,9 +8,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from app.engine.calibration import SoftIron
 from app.engine.errors import StateError
 from app.engine.filtering import (
     Advance,
+    Cloud,
+    Estimate,
     FilterGrid,
     ParticleNoise,
     find_modes,
@@ -24,6 +27,7 @@ from app.engine.localization.aids import (
     sightings,
 )
 from app.engine.localization.climbing import watch
+from app.engine.localization.distortion import DistortionPolicy, learn
 from app.engine.localization.initial import (
     FORGET_S,
     WALKING_M_S,
@@ -44,7 +48,7 @@ from app.engine.localization.lost import Check, LostPolicy, Watch, convict, give
 from app.engine.localization.motion import take_step
 from app.engine.localization.profile import join, newest, no_steps
 from app.engine.localization.radio import RadioMemory
-from app.engine.localization.search import Belief, Place, SearchPolicy, search
+from app.engine.localization.search import Belief, Found, Place, SearchPolicy, search
 from app.engine.localization.session import Quest, SessionState, Track, estimate_of, weigh_by
 from app.engine.types import (
     Answer,
@@ -101,6 +105,7 @@ class ParticleTracker:
         policy: IntegrityPolicy | None = None,
         search: SearchPolicy | None = None,
         lost: LostPolicy | None = None,
+        distortion: DistortionPolicy | None = None,
     ) -> None:
         self.parameters = parameters or ParticleParameters()
         self.noise = noise or ParticleNoise()
@@ -108,6 +113,7 @@ class ParticleTracker:
         self.policy = policy or IntegrityPolicy()
         self.search = search or SearchPolicy()
         self.lost = lost or LostPolicy()
+        self.distortion = distortion or DistortionPolicy()
 
     def start(self, prior: Prior, *, seed: int) -> TrackerState:
         """State before the first segment."""
@@ -247,10 +253,11 @@ class ParticleTracker:
         if prior.level_id is None or prior.x is None or prior.radius_m > self.policy.search_m:
             session.quest = Quest(prior)
             return
-        heading, reading = first
+        (heading, reading), iron = first, SoftIron.start(prior.calibration)
         grid = self._grid(map_source, prior.level_id)
-        cloud = initial_cloud(prior, grid, reading, self.parameters.particles, self.spread, rng)
-        session.track = Track(prior.level_id, grid.features, heading, cloud, estimate_of(cloud, grid), Integrity())
+        cloud = initial_cloud(prior, grid, iron.correct(reading), self.parameters.particles, self.spread, rng)
+        estimate = estimate_of(cloud, grid)
+        session.track = Track(prior.level_id, grid.features, heading, cloud, estimate, Integrity(), soft_iron=iron)
 
     def _resume(
         self,
@@ -269,11 +276,17 @@ class ParticleTracker:
         elif reach > self.policy.search_m:
             session.track, session.quest = None, Quest(self._about(track, reach))
         else:
-            heading, reading = first
+            (heading, reading), iron = first, track.soft_iron.after_gap()
             grid = self._grid(map_source, track.level_id)
-            cloud = cloud_after_gap(track.cloud, gap_s, grid, reading, track.cloud.n, self.spread, rng)
+            cloud = cloud_after_gap(track.cloud, gap_s, grid, iron.correct(reading), track.cloud.n, self.spread, rng)
             session.track = Track(
-                track.level_id, grid.features, heading, cloud, estimate_of(cloud, grid), track.integrity.resumed()
+                track.level_id,
+                grid.features,
+                heading,
+                cloud,
+                estimate_of(cloud, grid),
+                track.integrity.resumed(),
+                soft_iron=iron,
             )
 
     def _about(self, track: Track, reach: float) -> Prior:
@@ -322,24 +335,32 @@ class ParticleTracker:
             yield search_fix(float(events.t[i]), beliefs[: len(beliefs) - len(events) + i + 1], walked, self.policy)
         yield search_fix(t, beliefs, walked, self.policy, hypotheses=True)
         if confirmed(beliefs, walked, self.policy):
-            cloud = found.cloud.thin(self.parameters.particles, float(rng.random()))
-            cloud.p[:2] += self.policy.handover_m * rng.standard_normal((2, cloud.n)).astype(np.float32)
-            integrity, grid = Integrity(walked_m=walked, settled=True, borne_out=True), grids[found.level_id]
-            session.track = Track(
-                found.level_id, grid.features, float(quest.events.heading[-1]), cloud, beliefs[-1].estimate, integrity
-            )
-            session.quest = None
+            self._settle(session, quest, found, grids[found.level_id], walked, rng)
             session.aids = replace(session.aids, radio=replace(evaluator.memory, last_t=session.aids.radio.last_t))
-            if quest.whole:
-                e, first_heading = estimate_of(found.start, grid), float(quest.events.heading[0])
-                session.beginning = Track(
-                    found.level_id,
-                    grid.features,
-                    first_heading,
-                    found.start,
-                    e,
-                    Integrity(settled=True, borne_out=True),
-                )
+
+    def _settle(
+        self,
+        session: SessionState,
+        quest: Quest,
+        found: Found,
+        grid: FilterGrid,
+        walked: float,
+        rng: np.random.Generator,
+    ) -> None:
+        """From a quest that has found its place to a track there, and to its beginning if the quest knows the way."""
+        cloud = found.cloud.thin(self.parameters.particles, float(rng.random()))
+        cloud.p[:2] += self.policy.handover_m * rng.standard_normal((2, cloud.n)).astype(np.float32)
+        iron = SoftIron.start(quest.prior.calibration)
+        headings = no_steps().heading if quest.events is None else quest.events.heading
+
+        def track(heading: float, cloud: Cloud, estimate: Estimate, integrity: Integrity) -> Track:
+            return Track(found.level_id, grid.features, heading, cloud, estimate, integrity, soft_iron=iron)
+
+        integrity = Integrity(settled=True, borne_out=True)
+        now = replace(integrity, walked_m=walked)
+        session.track, session.quest = track(float(headings[-1]), cloud, found.beliefs[-1].estimate, now), None
+        if quest.whole:
+            session.beginning = track(float(headings[0]), found.start, estimate_of(found.start, grid), integrity)
 
     def _unstarted(
         self, prior: Prior, grids: Mapping[str, FilterGrid], reading: Float64Array, t: float, rng: np.random.Generator
@@ -351,12 +372,14 @@ class ParticleTracker:
         return search_fix(t, (belief,), 0.0, self.policy)
 
     def _advance(self, track: Track, grid: FilterGrid, events: StepEvents, i: int, rng: np.random.Generator) -> Advance:
-        moved = take_step(track.cloud, grid, self.noise, self.spread, events, i, track.heading, rng)
+        seen = replace(events, mag=track.soft_iron.correct(events.mag)) if track.soft_iron.applied.any() else events
+        moved = take_step(track.cloud, grid, self.noise, self.spread, seen, i, track.heading, rng)
         track.cloud, track.estimate = moved.cloud, moved.estimate
         track.heading = float(events.heading[i])
         track.integrity = track.integrity.walked(
             float(events.stride[i]), moved.estimate, self.policy, disturbed=bool(events.disturbed[i])
         )
+        learn(track, moved.weighted, grid, events, i, self.noise, self.distortion)
         return moved
 
     def _fix(self, track: Track, t: float) -> Fix:

@@ -12,10 +12,11 @@ a search has every other place of the building to tell from the right one.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from app.engine.calibration import without_soft_iron
 from app.engine.filtering import Cloud, Estimate, FilterGrid, Mode, ParticleNoise, find_modes
 from app.engine.inertial import StepEvents
 from app.engine.localization.aids import Evidence, top, weigh_cloud
@@ -166,6 +167,7 @@ def search(
     report : int
         Beliefs are given after each of the last ``report`` steps, at least one; fewer if the walk has fewer.
     """
+    events = replace(events, mag=without_soft_iron(events.mag, prior.calibration))
     each = max(particles // len(grids), min(policy.least, particles))
     asked = max(len(events) - report, 0)
     level_ids = list(grids)

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
+from app.engine.calibration import SoftIron
 from app.engine.filtering import Cloud, Estimate, FilterGrid
 from app.engine.inertial import PedestrianState, StepEvents
 from app.engine.inertial.pressure import Barometer
@@ -33,7 +34,8 @@ _LOST = 1e-12
 
 @dataclass(slots=True)
 class Track:
-    """Place known: level, heading at the last step (free azimuth, rad), particles, estimate, newest steps."""
+    """Place known: level, heading at the last step (free azimuth, rad), particles, estimate, newest steps; and
+    the device's soft iron, of which particles have none of their own."""
 
     level_id: str
     features: FeatureSet
@@ -42,10 +44,14 @@ class Track:
     estimate: Estimate
     integrity: Integrity
     trail: Trail = field(default_factory=Trail)
+    soft_iron: SoftIron = field(default_factory=lambda: SoftIron.start(None))
 
     def calibration(self) -> DeviceCalibration | None:
-        """What the particles say of the device; None if their offsets are not those of three axes."""
-        return learned_calibration(self.cloud) if self.features is FeatureSet.VECTOR else None
+        """What the track says of the device; None if its particles' offsets are not those of three axes."""
+        if self.features is not FeatureSet.VECTOR:
+            return None
+        iron = self.soft_iron
+        return replace(learned_calibration(self.cloud), soft_iron=iron.elements, soft_iron_sd=iron.sd)
 
 
 @dataclass(slots=True)
@@ -101,6 +107,7 @@ class SessionState:
                 "integrity": asdict(track.integrity),
                 "open_steps": steps_values(self.open_steps),
                 "trail": trail_values(track.trail),
+                "soft_iron": codec.soft_iron_values(track.soft_iron),
             }
         if quest is not None:
             events = None if quest.events is None else profile_values(quest.events)
@@ -131,6 +138,7 @@ class SessionState:
                 estimate=Estimate(**track["estimate"]),
                 integrity=Integrity(**track["integrity"]),
                 trail=trail_from(track["trail"]),
+                soft_iron=codec.soft_iron_from(track["soft_iron"]),
             )
             session.open_steps = steps_from(track["open_steps"])
         if "quest" in values:

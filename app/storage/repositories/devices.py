@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 from sqlalchemy import Row, delete, insert, select
@@ -63,6 +64,7 @@ def _columns(memory: DeviceMemory) -> dict[str, Any]:
         **{f"offset_sd_{axis}": known.offset_sd[i] for i, axis in enumerate("xyz")},
         "stride_scale": known.stride_scale,
         "stride_scale_sd": known.stride_scale_sd,
+        "soft_iron": [list(known.soft_iron), list(known.soft_iron_sd)],
         "n_sessions": memory.n_sessions,
         "updated_at": memory.updated_at,
     }
@@ -75,6 +77,9 @@ def _memory(row: Row[Any]) -> DeviceMemory:
         stride_scale=row.stride_scale,
         stride_scale_sd=row.stride_scale_sd,
     )
+    if row.soft_iron is not None:  # remembered before soft iron was: nothing is known of it
+        elements, sd = map(tuple, row.soft_iron)
+        calibration = replace(calibration, soft_iron=elements, soft_iron_sd=sd)
     return DeviceMemory(row.device_id, row.epoch, calibration, row.n_sessions, row.updated_at)
 
 

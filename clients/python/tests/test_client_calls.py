@@ -294,6 +294,7 @@ def test_ble_goes_with_a_walk(service: FakeService, client: Client) -> None:
 
 
 KNOWN = {"offset": [4.0, -7.5, 2.0], "offset_sd": [2.0, 2.0, 2.5], "stride_scale": 1.04, "stride_scale_sd": 0.04}
+KNOWN |= {"soft_iron": [0.02, -0.03, 0.0, 0.01, 0.0, 0.01], "soft_iron_sd": [0.01, 0.01, 0.04, 0.01, 0.01, 0.01]}
 
 
 def test_what_is_known_of_a_device(service: FakeService, client: Client) -> None:
@@ -303,6 +304,7 @@ def test_what_is_known_of_a_device(service: FakeService, client: Client) -> None
     assert client.create_device("phone").calibrations == ()
     (known,) = client.device("dev_1").calibrations
     assert (known.epoch, known.n_sessions, known.offset, known.stride_scale) == ("bias-1", 3, (4.0, -7.5, 2.0), 1.04)
+    assert (known.soft_iron, known.soft_iron_sd[2]) == ((0.02, -0.03, 0.0, 0.01, 0.0, 0.01), 0.04)
     client.forget_calibrations("dev_1")
     assert (service.requests[-1].method, service.requests[-1].url.path) == ("DELETE", "/v1/devices/dev_1/calibrations")
 

@@ -134,12 +134,15 @@ class Level(Model):
 
 
 class Calibration(Model):
-    """What is known about a device: ``offset`` (forward, left, up; uT), its carrier's stride over the model's."""
+    """What is known about a device: ``offset`` (forward, left, up; uT), its carrier's stride over the model's, and the
+    elements of ``soft_iron`` (forward-forward, left-left, up-up, forward-left, forward-up, left-up)."""
 
     offset: tuple[float, float, float]
     offset_sd: tuple[float, float, float]
     stride_scale: float
     stride_scale_sd: float
+    soft_iron: tuple[float, float, float, float, float, float]
+    soft_iron_sd: tuple[float, float, float, float, float, float]
 
 
 class DeviceCalibration(Calibration):
