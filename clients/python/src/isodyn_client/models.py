@@ -282,7 +282,7 @@ class Ellipse(Model):
 
 
 class Hypothesis(Model):
-    """One of several places that fit: level, position (m, level frame), covariance (m^2), probability of being right."""
+    """One of several places that fit: level, position (m, level frame), covariance (m^2), how likely it is right."""
 
     level_id: str
     x: float
