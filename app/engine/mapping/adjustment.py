@@ -24,9 +24,6 @@ from app.engine.mapping.samples import PlacedSamples
 from app.engine.mapping.variogram import field_level
 from app.engine.types import BoolArray, Float64Array, IntArray, Progress
 
-UNADJUSTED = 1.23
-"""A reading differs from the map by so many times what adjusted walks do: nobody adjusts a session's walk. With it,
-left-out walks are tracked with as true an ellipse as on maps of walks that were not adjusted."""
 _FOLDS = 4
 _MIN_WALKS = 4
 _CELL_M = 0.5

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from app.engine.errors import InputError, MapError
-from app.engine.mapping.adjustment import UNADJUSTED, adjust_walks
+from app.engine.mapping.adjustment import adjust_walks
 from app.engine.mapping.kriging import FieldLevel, FieldSamples, krige_grid
 from app.engine.mapping.offsets import WalkOffsets, estimate_offsets, no_offsets
 from app.engine.mapping.plan import FloorPlan, obstacle_depth
@@ -73,6 +74,7 @@ def build_map(
     say(0.3, "offsets of walks")
     offsets = estimate_offsets(placed) if settings.align else no_offsets(len(placed))
     samples = _field_samples(placed, offsets, settings.features)
+    by_labels = replace(samples, xy=np.concatenate([walk.xy for walk in labelled]))
     say(0.35, "fitting covariance")
     covariance = fit_covariance(samples)
     level = field_level(samples, covariance)
@@ -88,7 +90,7 @@ def build_map(
         sd=sd.astype(np.float32),
         support=_support(samples.xy, x, y),
         mapped_m=settings.mapped_m,
-        noise_sd=tuple(float(s) for s in (UNADJUSTED if settings.align else 1.0) * repeatability(samples, covariance)),
+        noise_sd=tuple(float(s) for s in repeatability(samples, covariance, labelled=by_labels)),
         obstacle=None if plan is None else obstacle_depth(plan, samples.xy, x, y).astype(np.float32),
         radio=build_radio_map(walks, placed),
     )

@@ -47,10 +47,22 @@ def fit_covariance(samples: FieldSamples, *, seed: int = 0) -> Covariance:
     return best if np.isfinite(scores[best]) else Covariance()
 
 
-def repeatability(samples: FieldSamples, covariance: Covariance, *, seed: int = 0) -> Float64Array:
+def repeatability(
+    samples: FieldSamples, covariance: Covariance, *, labelled: FieldSamples | None = None, seed: int = 0
+) -> Float64Array:
     """What a reading differs from the map by beyond the map's own deviation, shape (channels,), uT.
 
     Measured on left-out walks; without any that cross others, what the covariance calls error.
+
+    Parameters
+    ----------
+    samples : FieldSamples
+    covariance : Covariance
+    labelled : FieldSamples or None
+        The same samples where their labels put them, if they were moved since: nobody moves the readings of a session
+        to where they agree with the map, so the left-out ones shall not be.
+    seed : int
+        Of the folds.
     """
     level = field_level(samples, covariance)
     modelled: Float64Array = level.sd * np.sqrt(covariance.noise)
@@ -59,7 +71,7 @@ def repeatability(samples: FieldSamples, covariance: Covariance, *, seed: int = 
         return modelled
     rng = np.random.default_rng(seed)
     fold = rng.integers(_FOLDS, size=int(samples.walk.max()) + 1)[samples.walk]
-    residual, sd = _left_out(samples, covariance, fold, rng)
+    residual, sd = _left_out(samples, covariance, fold, rng, labelled)
     if len(residual) < _MIN_WALKS:
         return modelled
     measured = np.sqrt(np.maximum((residual**2 - sd**2).mean(axis=0), 0.0))
@@ -76,14 +88,18 @@ def _predictive_score(samples: FieldSamples, covariance: Covariance, fold: IntAr
 
 
 def _left_out(
-    samples: FieldSamples, covariance: Covariance, fold: IntArray, rng: np.random.Generator
+    samples: FieldSamples,
+    covariance: Covariance,
+    fold: IntArray,
+    rng: np.random.Generator,
+    labelled: FieldSamples | None = None,
 ) -> tuple[Float64Array, Float64Array]:
     """Residuals of left-out samples near samples of other folds, and the map's deviation there, (n, channels) each."""
     level = field_level(samples, covariance)
     residuals, deviations = [np.empty((0, samples.values.shape[1]))], [np.empty((0, samples.values.shape[1]))]
     for f in range(_FOLDS):
         known = samples.subset(fold != f)
-        asked = samples.subset(fold == f)
+        asked = (labelled or samples).subset(fold == f)
         if len(known) == 0 or len(asked) == 0:
             continue
         distance, _ = cKDTree(known.xy).query(asked.xy, distance_upper_bound=_NEAR_M)
