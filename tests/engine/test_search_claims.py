@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -75,6 +77,16 @@ def test_a_place_is_found_once_and_for_seven_steps() -> None:
 def test_the_longer_the_search_the_more_it_takes(walked_m: float, enough: float) -> None:
     assert confirmed([belief(enough)] * 7, walked_m, POLICY)
     assert not confirmed([belief(1.0 - 3.0 * (1.0 - enough))] * 7, walked_m, POLICY)
+
+
+def test_with_the_level_open_it_takes_more_and_nothing_is_sure_yet() -> None:
+    open_level = [replace(belief(0.99999), level_open=True)] * POLICY.found_steps
+    assert confirmed([belief(0.99999)] * POLICY.found_steps, 40.0, POLICY)
+    assert not confirmed(open_level, 40.0, POLICY)
+    assert confirmed(open_level, 26.0, POLICY)
+    fix = search_fix(0.0, open_level, 26.0, POLICY)
+    assert fix.status is Status.OK
+    assert not fix.sure
 
 
 def test_a_place_too_wide_is_none() -> None:

@@ -58,6 +58,9 @@ class IntegrityPolicy:
     found_log, found_slack : float, nats and nats per m
         Log odds that it must have besides, which rise with the way: what map and walk err by alike adds up along it, so
         that a wrong place may win by more the longer it is searched.
+    open_level : float
+        Times ``found_slack`` where several levels are searched by the field alone: each errs in its own way. A place
+        found so is sure only once a check of the steps that follow has borne it out.
     found_m : float
         Metres that must have been walked by then.
     """
@@ -83,6 +86,7 @@ class IntegrityPolicy:
     found_m: float = 25.0
     found_log: float = 3.0
     found_slack: float = 0.15
+    open_level: float = 2.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -209,11 +213,12 @@ def confirmed(beliefs: Sequence[Belief], walked_m: float, policy: IntegrityPolic
     ``beliefs`` are those after each of the last steps, newest last.
     """
     held = [belief.places[0].mode for belief in beliefs[-policy.found_steps :]]
+    slack = (policy.open_level if beliefs[-1].level_open else 1.0) * policy.found_slack
     return (
         walked_m >= policy.found_m
         and len(held) >= policy.found_steps
         and min(mode.weight for mode in held) >= policy.found
-        and min(_log_odds(mode.weight) for mode in held) >= policy.found_log + policy.found_slack * walked_m
+        and min(_log_odds(mode.weight) for mode in held) >= policy.found_log + slack * walked_m
         and spread(held[-1]) < policy.settle_m
     )
 
@@ -232,7 +237,10 @@ def search_fix(
     if confirmed(beliefs, walked_m, policy):
         sigma = spread(first)
         verdict = Verdict(
-            Status.OK, first.weight / (1.0 + (sigma / 3.0) ** 2), sure=sigma <= policy.sure_m, walk_on_m=None
+            Status.OK,
+            first.weight / (1.0 + (sigma / 3.0) ** 2),
+            sure=sigma <= policy.sure_m and not belief.level_open,
+            walk_on_m=None,
         )
         cov_xx, cov_xy, cov_yy = calibrate(first, policy, policy.searched_scale)
     else:

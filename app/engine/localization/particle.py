@@ -356,7 +356,7 @@ class ParticleTracker:
         def track(heading: float, cloud: Cloud, estimate: Estimate, integrity: Integrity) -> Track:
             return Track(found.level_id, grid.features, heading, cloud, estimate, integrity, soft_iron=iron)
 
-        integrity = Integrity(settled=True, borne_out=True)
+        integrity = Integrity(settled=True, borne_out=not found.beliefs[-1].level_open)
         now = replace(integrity, walked_m=walked)
         session.track, session.quest = track(float(headings[-1]), cloud, found.beliefs[-1].estimate, now), None
         if quest.whole:

@@ -74,12 +74,15 @@ class Belief:
         About how far to walk on until one place should stand out, from what the map tells per metre.
     start : Moments or None
         Of where the walk may have begun on that level, before any step; None where more than the field was heard.
+    level_open : bool
+        Whether several levels were searched by the field alone.
     """
 
     places: tuple[Place, ...]
     estimate: Estimate
     walk_on_m: float = 0.0
     start: Moments | None = None
+    level_open: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -255,7 +258,13 @@ def _belief(
     first = min(max(places[0].mode.weight, 1e-4), 1.0 - 1e-4)
     missing = STANDS_OUT - float(np.log(first / (1.0 - first)))
     best = runs[int(shares.argmax())]
-    return Belief(tuple(places), best.estimates[k], max(missing, 0.0) / rate, best.began if alone else None)
+    return Belief(
+        tuple(places),
+        best.estimates[k],
+        max(missing, 0.0) / rate,
+        start=best.began if alone else None,
+        level_open=alone and len(level_ids) > 1,
+    )
 
 
 def information_per_m(grid: FilterGrid, noise: ParticleNoise) -> float:
