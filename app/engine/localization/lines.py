@@ -79,8 +79,9 @@ def steps_from(values: Mapping[str, Any]) -> tuple[OpenStep, ...]:
 
 
 _INTEGRITY = tuple(f.name for f in fields(Integrity))
+_FLAGS = ("settled", "doubted", "borne_out")
 
 
 def _integrity(then: Sequence[float]) -> Integrity:
     known: dict[str, Any] = dict(zip(_INTEGRITY, then, strict=True))
-    return Integrity(**{**known, "settled": bool(known["settled"])})
+    return Integrity(**{**known, **{name: bool(known[name]) for name in _FLAGS}})
