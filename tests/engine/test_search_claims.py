@@ -7,17 +7,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from app.engine.filtering import Estimate, Mode
+from app.engine.filtering import Cloud, Estimate, Mode, whole
 from app.engine.localization.integrity import IntegrityPolicy, confirmed, credible, search_fix
-from app.engine.localization.search import Belief, Moments, Place
+from app.engine.localization.search import Belief, Place
 from app.engine.types import Fix, Status
 
 POLICY = IntegrityPolicy()
-HALL = Moments(50.0, 30.0, 800.0, 0.0, 300.0)
+HALL = Mode(50.0, 30.0, 800.0, 0.0, 300.0, 1.0)
 """About 100 m by 60 m."""
 
 
-def belief(weight: float, *, start: Moments | None = HALL, sd: float = 1.0) -> Belief:
+def belief(weight: float, *, start: Mode | None = HALL, sd: float = 1.0) -> Belief:
     """One place at (10, 10) with this share, the rest 60 m east of it; particles are where the shares say."""
     first = Mode(10.0, 10.0, sd**2, 0.0, sd**2, weight)
     other = Mode(70.0, 10.0, 1.0, 0.0, 1.0, 1.0 - weight)
@@ -93,9 +93,10 @@ def test_a_place_too_wide_is_none() -> None:
     assert not confirmed([belief(0.9999, sd=6.0)] * 7, 30.0, POLICY)
 
 
-def test_moments_are_those_of_the_positions() -> None:
+def test_all_particles_are_one_gathering() -> None:
     rng = np.random.default_rng(0)
-    x, y = rng.normal(5.0, 2.0, 4000).astype(np.float32), rng.normal(-3.0, 1.0, 4000).astype(np.float32)
-    m = Moments.of(x, y)
-    assert (m.x, m.y) == pytest.approx((5.0, -3.0), abs=0.1)
+    cloud = Cloud.empty(4000)
+    cloud.p[0], cloud.p[1] = rng.normal(105.0, 2.0, 4000), rng.normal(-3.0, 1.0, 4000)
+    m = whole(cloud)
+    assert (m.x, m.y, m.weight) == pytest.approx((105.0, -3.0, 1.0), abs=0.1)
     assert (m.cov_xx, m.cov_xy, m.cov_yy) == pytest.approx((4.0, 0.0, 1.0), abs=0.2)

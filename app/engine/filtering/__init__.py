@@ -1,6 +1,6 @@
 """Recursive estimators."""
 
-from app.engine.filtering.modes import Mode, find_modes
+from app.engine.filtering.modes import Mode, find_modes, whole
 from app.engine.filtering.particle import (
     Advance,
     Cloud,
@@ -21,4 +21,5 @@ __all__ = [
     "advance_cloud",
     "find_modes",
     "prepare_grid",
+    "whole",
 ]

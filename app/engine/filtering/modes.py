@@ -68,3 +68,12 @@ def find_modes(cloud: Cloud, *, radius_m: float = 6.0, most: int = 5, least: flo
         if not free.any():
             break
     return tuple(sorted(modes, key=lambda m: -m.weight))
+
+
+def whole(cloud: Cloud) -> Mode:
+    """All particles as one gathering."""
+    x, y, w = cloud.p[0], cloud.p[1], cloud.p[14]
+    px, py, moments = float(x[0]), float(y[0]), np.empty(6)
+    kernel.gather(x, y, w, np.ones(cloud.n, np.bool_), px, py, np.inf, moments)
+    share, mx, my, xx, xy, yy = moments.tolist()
+    return Mode(px + mx, py + my, xx, xy, yy, share)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from app.engine.filtering import Estimate, Mode
-from app.engine.localization.search import Belief, Moments, Place
+from app.engine.localization.search import Belief, Place
 from app.engine.types import Fix, FixKind, Hypothesis, Status
 
 CHI2_95 = 5.991
@@ -300,7 +300,7 @@ def _searched(belief: Belief, policy: IntegrityPolicy) -> tuple[float, float, fl
     return calibrate(mixed, policy)
 
 
-def _about(moments: Estimate | Moments, place: Mode) -> Mode:
+def _about(moments: Estimate | Mode, place: Mode) -> Mode:
     """Second moments about a place."""
     dx, dy = moments.x - place.x, moments.y - place.y
     return replace(

@@ -17,12 +17,12 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from app.engine.calibration import without_soft_iron
-from app.engine.filtering import Cloud, Estimate, FilterGrid, Mode, ParticleNoise, find_modes
+from app.engine.filtering import Cloud, Estimate, FilterGrid, Mode, ParticleNoise, find_modes, whole
 from app.engine.inertial import StepEvents
 from app.engine.localization.aids import Evidence, top, weigh_cloud
 from app.engine.localization.initial import InitialSpread, initial_cloud
 from app.engine.localization.motion import take_step
-from app.engine.types import Float32Array, Float64Array, Prior
+from app.engine.types import Float64Array, Prior
 
 STANDS_OUT = 4.0
 """Log odds at which one place stands out."""
@@ -72,8 +72,8 @@ class Belief:
         Of the heaviest level's particles.
     walk_on_m : float
         About how far to walk on until one place should stand out, from what the map tells per metre.
-    start : Moments or None
-        Of where the walk may have begun on that level, before any step; None where more than the field was heard.
+    start : Mode or None
+        All of where the walk may have begun on that level, before any step; None where more than the field was heard.
     level_open : bool
         Whether several levels were searched by the field alone.
     """
@@ -81,25 +81,8 @@ class Belief:
     places: tuple[Place, ...]
     estimate: Estimate
     walk_on_m: float = 0.0
-    start: Moments | None = None
+    start: Mode | None = None
     level_open: bool = False
-
-
-@dataclass(frozen=True, slots=True)
-class Moments:
-    """Mean (m) and covariance (m^2) of positions."""
-
-    x: float
-    y: float
-    cov_xx: float
-    cov_xy: float
-    cov_yy: float
-
-    @classmethod
-    def of(cls, x: Float32Array, y: Float32Array) -> Moments:
-        """Of equally weighted positions (n,)."""
-        cov = np.cov(x, y, ddof=0, dtype=np.float64)
-        return cls(float(x.mean()), float(y.mean()), float(cov[0, 0]), float(cov[0, 1]), float(cov[1, 1]))
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,7 +121,7 @@ class _LevelRun:
     estimates: tuple[Estimate, ...]
     cloud: Cloud
     start: Cloud
-    began: Moments
+    began: Mode
 
 
 def search(
@@ -226,7 +209,7 @@ def _run(
 ) -> _LevelRun:
     cloud = initial_cloud(prior, grid, events.mag[0], n, spread, rng)
     start, origin = Cloud(cloud.p.copy()), np.arange(cloud.n)
-    began = Moments.of(cloud.p[0], cloud.p[1])
+    began = whole(cloud)
     thinning = dict(policy.thinning)
     heading = float(events.heading[0])
     total, log_likelihood, modes, estimates = 0.0, [], [], []
