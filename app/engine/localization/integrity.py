@@ -187,18 +187,33 @@ def tell(
     kind: FixKind = FixKind.FILTERED,
 ) -> Fix:
     """Fix of a step at ``t`` while the place is known; ``estimate`` and ``integrity`` are the step's."""
-    verdict = judge(estimate, integrity, policy)
     widen = {FixKind.FILTERED: 1.0, FixKind.FIXED_LAG: policy.lagged_scale, FixKind.SMOOTHED: policy.smoothed_scale}
-    cov_xx, cov_xy, cov_yy = calibrate(estimate, policy, widen=widen[kind])
+    covariance = calibrate(estimate, policy, widen=widen[kind])
+    verdict = judge(estimate, integrity, policy)
+    return _fix(t, level_id, estimate, covariance, verdict, heading=estimate.heading, kind=kind)
+
+
+def _fix(
+    t: float,
+    level_id: str,
+    at: Estimate | Mode,
+    covariance: tuple[float, float, float],
+    verdict: Verdict,
+    *,
+    heading: float,
+    kind: FixKind = FixKind.FILTERED,
+) -> Fix:
+    """A fix at the mean of ``at``, with the covariance (xx, xy, yy, m^2) that is claimed."""
+    cov_xx, cov_xy, cov_yy = covariance
     return Fix(
         t=t,
         level_id=level_id,
-        x=estimate.x,
-        y=estimate.y,
+        x=at.x,
+        y=at.y,
         cov_xx=cov_xx,
         cov_xy=cov_xy,
         cov_yy=cov_yy,
-        heading=estimate.heading,
+        heading=heading,
         status=verdict.status,
         quality=verdict.quality,
         sure=verdict.sure,
@@ -242,29 +257,17 @@ def search_fix(
             sure=sigma <= policy.sure_m and not belief.level_open,
             walk_on_m=None,
         )
-        cov_xx, cov_xy, cov_yy = calibrate(first, policy, policy.searched_scale)
+        covariance = calibrate(first, policy, policy.searched_scale)
     else:
         credit = 1.0 if belief.start is None else credible(first.weight, policy) / first.weight
-        cov_xx, cov_xy, cov_yy = _searched(belief, policy)
+        covariance = _searched(belief, policy)
         short_list = walked_m >= 0.5 * policy.found_m and sum(place.mode.weight for place in places) >= policy.listed
         status = Status.AMBIGUOUS if short_list else Status.INSUFFICIENT
         missing = max(belief.walk_on_m, policy.found_m - walked_m, WALK_ON_M)
         verdict = Verdict(status, 0.5 * credit * first.weight, sure=False, walk_on_m=missing)
-    return Fix(
-        t=t,
-        level_id=places[0].level_id,
-        x=first.x,
-        y=first.y,
-        cov_xx=cov_xx,
-        cov_xy=cov_xy,
-        cov_yy=cov_yy,
-        heading=e.heading,
-        status=verdict.status,
-        quality=verdict.quality,
-        sure=verdict.sure,
-        walk_on_m=verdict.walk_on_m,
-        hypotheses=tuple(_hypothesis(place, credit) for place in places[:MAX_HYPOTHESES]) if hypotheses else (),
-    )
+    fix = _fix(t, places[0].level_id, first, covariance, verdict, heading=e.heading)
+    told = tuple(_hypothesis(place, credit) for place in places[:MAX_HYPOTHESES]) if hypotheses else ()
+    return replace(fix, hypotheses=told)
 
 
 def credible(weight: float, policy: IntegrityPolicy) -> float:
