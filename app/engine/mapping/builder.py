@@ -106,15 +106,8 @@ def build_map(
             "error": covariance.error,
             "error_length_m": covariance.error_length_m,
             "white": covariance.white,
-            "moved_m": _moved(labelled, placed),
         },
     )
-
-
-def _moved(labelled: Sequence[PlacedSamples], placed: Sequence[PlacedSamples]) -> float:
-    """Root mean square of how far samples were moved from where their labels put them, m."""
-    square = [((after.xy - before.xy) ** 2).sum(axis=1) for before, after in zip(labelled, placed, strict=True)]
-    return float(np.sqrt(np.concatenate(square).mean()))
 
 
 def _silent(_fraction: float, _what: str) -> None:
