@@ -115,6 +115,7 @@ def show(map_id: MapId, url: Url = DEFAULT_URL, key: Key = None) -> None:
             ("field spread (uT)", ", ".join(f"{value:.1f}" for value in info.field_sd)),
             ("repeatability (uT)", ", ".join(f"{value:.1f}" for value in info.noise_sd)),
             ("radio", _radio(info)),
+            ("lines", "not kept" if info.n_routes is None else f"{info.n_routes}, as walked"),
             ("length scale", f"{info.length_scale_m:.2f} m"),
             ("built", f"{info.created_at:%Y-%m-%d %H:%M} UTC in {info.build_s:.1f} s"),
             ("content hash", info.hash),

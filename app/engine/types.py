@@ -202,6 +202,7 @@ class SurveyWalk:
 
 Int8Array = NDArray[np.int8]
 Int16Array = NDArray[np.int16]
+Int32Array = NDArray[np.int32]
 UInt8Array = NDArray[np.uint8]
 
 
@@ -234,6 +235,26 @@ class RadioMap:
     seen: UInt8Array
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class RouteLines:
+    """Lines of a level that were walked to survey it: where a sequence of readings can be compared with the map.
+
+    Attributes
+    ----------
+    xy : array, shape (m, 2), float32, m, level frame
+        Points of all lines, one line after the other.
+    first : array, shape (r,), int32
+        Index of each line's first point.
+    """
+
+    xy: Float32Array
+    first: Int32Array
+
+    def lines(self) -> tuple[Float32Array, ...]:
+        """Points of each line, shape (k, 2)."""
+        return tuple(np.split(self.xy, self.first[1:]))
+
+
 @dataclass(frozen=True, slots=True, eq=False, weakref_slot=True)
 class GridMap:
     """Magnetic map of a level on a regular grid.
@@ -262,6 +283,8 @@ class GridMap:
         walk. None without a plan.
     radio : RadioMap or None
         Signal strengths, where the survey brought radio scans.
+    routes : RouteLines or None
+        The survey's lines; None for maps built before they were kept.
     """
 
     level_id: str
@@ -276,6 +299,7 @@ class GridMap:
     noise_sd: tuple[float, ...]
     obstacle: Float32Array | None = None
     radio: RadioMap | None = None
+    routes: RouteLines | None = None
 
     @property
     def shape(self) -> tuple[int, int]:

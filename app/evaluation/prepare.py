@@ -17,7 +17,7 @@ import app.engine
 from app.engine.errors import EngineError
 from app.engine.inertial import detect_steps
 from app.engine.mapping import FloorPlan, build_map
-from app.engine.types import FeatureSet, GridMap, MapBuildSettings, RadioMap, SurveyWalk
+from app.engine.types import FeatureSet, GridMap, MapBuildSettings, RadioMap, RouteLines, SurveyWalk
 from app.evaluation.datasets.plans import GeoJson
 from app.evaluation.truth import SurveyedArea, survey_track
 
@@ -126,6 +126,8 @@ def save_map(grid_map: GridMap, path: Path) -> None:
         arrays["obstacle"] = grid_map.obstacle
     if grid_map.radio is not None:
         arrays |= _radio_arrays(grid_map.radio)
+    if grid_map.routes is not None:
+        arrays |= {"routes_xy": grid_map.routes.xy, "routes_first": grid_map.routes.first}
     with temporary.open("wb") as file:
         np.savez(file, header=np.array(json.dumps(header)), **arrays)
     temporary.replace(path)
@@ -148,6 +150,7 @@ def load_map(path: Path) -> GridMap:
             noise_sd=tuple(header["noise_sd"]),
             obstacle=content.get("obstacle"),
             radio=_radio_from(content) if "radio" in content else None,
+            routes=RouteLines(content["routes_xy"], content["routes_first"]) if "routes_xy" in content else None,
         )
 
 

@@ -204,4 +204,5 @@ def _map_info(
         has_obstacle=grid_map.obstacle is not None,
         n_transmitters=None if grid_map.radio is None else len(grid_map.radio.addresses),
         radio_cell_m=None if grid_map.radio is None else float(grid_map.radio.cell_m),
+        n_routes=None if grid_map.routes is None else len(grid_map.routes.first),
     )

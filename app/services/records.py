@@ -212,6 +212,8 @@ class MapInfo:
     n_transmitters: int | None = None
     """Access points and beacons of the radio layer; None without one."""
     radio_cell_m: float | None = None
+    n_routes: int | None = None
+    """Survey lines kept with the map; None for maps built before they were."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -364,8 +366,8 @@ class PackedTile:
 
 
 @dataclass(frozen=True, slots=True)
-class PackedRadio:
-    """The radio layer of a map, compressed; ``hash`` is that of the content."""
+class PackedLayer:
+    """What of a map is not in its tiles (radio layer, lines), compressed; ``hash`` is that of the content."""
 
     hash: str
     data: bytes
@@ -373,11 +375,12 @@ class PackedRadio:
 
 @dataclass(frozen=True, slots=True)
 class PackedMap:
-    """A map as it is stored; ``hash`` covers header, tiles and radio layer."""
+    """A map as it is stored; ``hash`` covers header, tiles, radio layer and lines."""
 
     hash: str
     tiles: tuple[PackedTile, ...]
-    radio: PackedRadio | None = None
+    radio: PackedLayer | None = None
+    routes: PackedLayer | None = None
 
 
 @dataclass(frozen=True, slots=True)

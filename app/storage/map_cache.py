@@ -1,7 +1,8 @@
 """Local cache of assembled maps: files that workers memory-map.
 
 A map is ``<hash>.npy`` (all layers, float32) and ``<hash>.json`` (its header, and that of its radio layer if it has
-one); the radio layer's bytes are ``<hash>.radio``, in numpy's format. All appear by renaming, the layers last: whoever
+one); the radio layer's bytes are ``<hash>.radio``, in numpy's format, and the survey's lines ``<hash>.routes``, as they
+are stored. All appear by renaming, the layers last: whoever
 sees them sees all of it, and two processes that fill the same entry write the same bytes.
 """
 
@@ -19,14 +20,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.engine.errors import MapError
-from app.engine.types import GridMap
+from app.engine.types import GridMap, RouteLines
 from app.services.records import MapInfo
 from app.services.tasks import MapRef
 from app.storage.radio import RadioHeader, radio_header_of, split_radio, stack_radio
+from app.storage.routes import pack_routes, unpack_routes
 from app.storage.tiles import MapHeader, header_of, split_layers, stack_layers
 
 DEFAULT_MAX_BYTES = 4 * 1024**3
-HEADER, RADIO = ".json", ".radio"
+HEADER, RADIO, ROUTES = ".json", ".radio", ".routes"
 _RADIO_KEY = "radio"
 
 
@@ -60,6 +62,9 @@ class FileMapCache:
         if grid_map.radio is not None:
             radio = grid_map.radio
             _put(path.with_suffix(RADIO), lambda part: _save(part, stack_radio(radio)))
+        if grid_map.routes is not None:
+            routes = pack_routes(grid_map.routes)
+            _put(path.with_suffix(ROUTES), lambda part: part.write_bytes(routes.data))
         _put(path.with_suffix(HEADER), lambda part: part.write_text(_header_text(grid_map)))
         _put(path, lambda part: _save(part, stack_layers(grid_map)))
         self._prune(keep=path)
@@ -68,10 +73,10 @@ class FileMapCache:
         entries = sorted(((entry.stat().st_mtime, entry) for entry in self._folder.glob("*.npy")), reverse=True)
         total = 0
         for _, entry in entries:
-            total += entry.stat().st_size + _size(entry.with_suffix(RADIO))
+            total += entry.stat().st_size + _size(entry.with_suffix(RADIO)) + _size(entry.with_suffix(ROUTES))
             if total > self._max_bytes and entry != keep:
                 # the layers first: without them the rest is no entry
-                for file in (entry, entry.with_suffix(HEADER), entry.with_suffix(RADIO)):
+                for file in (entry, *(entry.with_suffix(kind) for kind in (HEADER, RADIO, ROUTES))):
                     file.unlink(missing_ok=True)
 
 
@@ -85,7 +90,15 @@ def open_map(path: Path) -> GridMap:
     except FileNotFoundError as error:
         raise MapError(f"map {path.stem} is not in the cache") from error
     radio = None if radio_layers is None else split_radio(RadioHeader.from_values(radio_values), radio_layers)
-    return split_layers(MapHeader.from_values(values), layers, radio)
+    return split_layers(MapHeader.from_values(values), layers, radio, _routes(path.with_suffix(ROUTES)))
+
+
+def _routes(path: Path) -> RouteLines | None:
+    """Lines of a map; a map may have none, so their absence is no error."""
+    try:
+        return unpack_routes(path.read_bytes())
+    except FileNotFoundError:
+        return None
 
 
 def _header_text(grid_map: GridMap) -> str:

@@ -244,12 +244,21 @@ maps = Table(
     Column("n_transmitters", Integer, nullable=True),
     _double("radio_cell_m", nullable=True),
     Column("radio_hash", HASH, ForeignKey("radio_layers.hash"), nullable=True),
+    Column("n_routes", Integer, nullable=True),
+    Column("routes_hash", HASH, ForeignKey("route_layers.hash"), nullable=True),
     _time("created_at"),
     UniqueConstraint("level_id", "version"),
 )
 
 radio_layers = Table(
     "radio_layers",
+    metadata,
+    Column("hash", HASH, primary_key=True),
+    Column("data", LargeBinary, nullable=False),
+)
+
+route_layers = Table(
+    "route_layers",
     metadata,
     Column("hash", HASH, primary_key=True),
     Column("data", LargeBinary, nullable=False),

@@ -19,7 +19,7 @@ import numpy as np
 
 from app.engine.errors import MapError
 from app.engine.types import RadioMap, UInt8Array
-from app.services.records import PackedRadio
+from app.services.records import PackedLayer
 
 _PREFIX = struct.Struct("<2sBI")
 _MAGIC = b"IR"
@@ -97,14 +97,14 @@ def split_radio(header: RadioHeader, layers: UInt8Array) -> RadioMap:
     )
 
 
-def pack_radio(radio: RadioMap) -> PackedRadio:
+def pack_radio(radio: RadioMap) -> PackedLayer:
     """Compress and hash a radio layer."""
     description = radio_header_of(radio).to_json().encode()
     head = _PREFIX.pack(_MAGIC, _VERSION, len(description)) + description
     values = stack_radio(radio).data
     digest = hashlib.sha256(head)
     digest.update(values)
-    return PackedRadio(digest.hexdigest(), head + zlib.compress(values, _LEVEL))
+    return PackedLayer(digest.hexdigest(), head + zlib.compress(values, _LEVEL))
 
 
 def unpack_radio(data: bytes) -> RadioMap:

@@ -3,8 +3,8 @@
 A tile is 64 x 64 cells (less at the far edges) of all layers (means, standard deviations, support and, with a floor
 plan, depth in obstacles), little-endian float32, stored as zlib-compressed byte planes. Hashes cover the
 *uncompressed* values, so equal content has one hash whatever zlib packed it; a tile that two map versions have in
-common is stored once. A map's hash covers its header, its tiles' hashes and, if it has one, that of its radio layer
-(:mod:`app.storage.radio`).
+common is stored once. A map's hash covers its header, its tiles' hashes and, if it has them, those of its radio layer
+(:mod:`app.storage.radio`) and of its lines (:mod:`app.storage.routes`).
 """
 
 from __future__ import annotations
@@ -19,9 +19,10 @@ from typing import Any
 import numpy as np
 
 from app.engine.errors import MapError
-from app.engine.types import FeatureSet, Float32Array, GridMap, RadioMap
+from app.engine.types import FeatureSet, Float32Array, GridMap, RadioMap, RouteLines
 from app.services.records import PackedMap, PackedTile
 from app.storage.radio import pack_radio, unpack_radio
+from app.storage.routes import pack_routes, unpack_routes
 
 TILE = 64
 _LEVEL = 1  # level 6 saves 3 % of real maps and takes four times as long
@@ -90,7 +91,9 @@ def stack_layers(grid_map: GridMap) -> Float32Array:
     return np.concatenate([grid_map.mean, grid_map.sd, np.stack(single)]).astype("<f4", copy=False)
 
 
-def split_layers(header: MapHeader, layers: Float32Array, radio: RadioMap | None = None) -> GridMap:
+def split_layers(
+    header: MapHeader, layers: Float32Array, radio: RadioMap | None = None, routes: RouteLines | None = None
+) -> GridMap:
     """Inverse of :func:`stack_layers`; the arrays are views."""
     channels = len(header.features.channels)
     if layers.shape != (header.n_layers, header.rows, header.columns):
@@ -108,11 +111,12 @@ def split_layers(header: MapHeader, layers: Float32Array, radio: RadioMap | None
         noise_sd=header.noise_sd,
         obstacle=layers[2 * channels + 1] if header.has_obstacle else None,
         radio=radio,
+        routes=routes,
     )
 
 
 def pack_map(grid_map: GridMap) -> PackedMap:
-    """Cut a map into compressed, hashed tiles, and its radio layer into a blob of its own."""
+    """Cut a map into compressed, hashed tiles, its radio layer and its lines into a blob each."""
     header = header_of(grid_map)
     layers = stack_layers(grid_map)
     tiles = tuple(_pack_tile(layers, row, column) for row, column in _places(header.rows, header.columns))
@@ -122,11 +126,19 @@ def pack_map(grid_map: GridMap) -> PackedMap:
     radio = None if grid_map.radio is None else pack_radio(grid_map.radio)
     if radio is not None:
         digest.update(f"\nradio {radio.hash}".encode())
-    return PackedMap(digest.hexdigest(), tiles, radio)
+    routes = None if grid_map.routes is None else pack_routes(grid_map.routes)
+    if routes is not None:
+        digest.update(f"\nroutes {routes.hash}".encode())
+    return PackedMap(digest.hexdigest(), tiles, radio, routes)
 
 
-def unpack_map(header: MapHeader, tiles: Iterable[tuple[int, int, bytes]], radio: bytes | None = None) -> GridMap:
-    """Assemble a map from ``(row, column, data)`` of all its tiles and the blob of its radio layer, if it has one.
+def unpack_map(
+    header: MapHeader,
+    tiles: Iterable[tuple[int, int, bytes]],
+    radio: bytes | None = None,
+    routes: bytes | None = None,
+) -> GridMap:
+    """Assemble a map from ``(row, column, data)`` of all its tiles and the blobs of its radio layer and its lines.
 
     Raises
     ------
@@ -143,7 +155,12 @@ def unpack_map(header: MapHeader, tiles: Iterable[tuple[int, int, bytes]], radio
         target[:] = _unpack_tile(data, target.shape)
     if missing:
         raise MapError(f"{len(missing)} tiles are missing, the first is {min(missing)}")
-    return split_layers(header, layers, None if radio is None else unpack_radio(radio))
+    return split_layers(
+        header,
+        layers,
+        None if radio is None else unpack_radio(radio),
+        None if routes is None else unpack_routes(routes),
+    )
 
 
 def header_from(values: Mapping[str, object]) -> MapHeader:

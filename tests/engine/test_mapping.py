@@ -80,6 +80,16 @@ def test_unmapped_ground_is_finite_and_uninformative(survey: tuple[SurveyWalk, .
     assert not g.mapped[far].any()
 
 
+def test_the_lines_that_were_walked_are_kept(survey: tuple[SurveyWalk, ...], built: MapBuild) -> None:
+    routes = built.grid_map.routes
+    assert routes is not None
+    assert len(routes.lines()) == len(survey)
+    for line, walk in zip(routes.lines(), survey, strict=True):
+        way = np.stack([walk.waypoints.x, walk.waypoints.y], axis=1)
+        away = cKDTree(line).query(way)[0]
+        assert np.median(away) < 1.0
+
+
 def test_each_walk_gets_its_hard_iron_back(survey: tuple[SurveyWalk, ...]) -> None:
     rng = np.random.default_rng(3)  # the draws of the fixture
     truth, carries = [], []

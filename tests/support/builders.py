@@ -27,6 +27,7 @@ from app.engine.types import (
     Progress,
     RadioMap,
     RadioScans,
+    RouteLines,
     SpeedReadings,
     Status,
     StepCounts,
@@ -205,6 +206,7 @@ def grid_map(
     features: FeatureSet = FeatureSet.HV,
     plan: bool = False,
     radio: RadioMap | None = None,
+    routes: RouteLines | None = None,
 ) -> GridMap:
     """A map of more than one tile; its last row is unmapped."""
     rng = np.random.default_rng(seed)
@@ -224,6 +226,7 @@ def grid_map(
         noise_sd=tuple(0.75 + 0.1 * i for i in range(k)),
         obstacle=rng.uniform(0, 2, (rows, columns)).astype(np.float32) if plan else None,
         radio=radio,
+        routes=routes,
     )
 
 

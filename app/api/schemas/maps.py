@@ -48,6 +48,7 @@ _MAP = {
     "build_s": 1.9,
     "n_transmitters": 214,
     "radio_cell_m": 2.0,
+    "n_routes": 12,
     "created_at": "2026-11-22T09:30:00.000Z",
 }
 COVERAGE_EXAMPLE: dict[str, Any] = {
@@ -137,6 +138,9 @@ class MapOut(Out):
         int | None, Field(description="Access points and beacons of the radio layer; null without radio in the survey.")
     ]
     radio_cell_m: Annotated[float | None, Field(description="Distance of the radio layer's nodes.")]
+    n_routes: Annotated[
+        int | None, Field(description="Survey lines kept with the map; sequence methods compare with them.")
+    ]
     created_at: Time
 
     @classmethod

@@ -24,6 +24,7 @@ from app.engine.types import (
     MapBuild,
     MapBuildSettings,
     Progress,
+    RouteLines,
     SurveyWalk,
     WalkReport,
 )
@@ -93,6 +94,7 @@ def build_map(
         noise_sd=tuple(float(s) for s in repeatability(samples, covariance, labelled=by_labels)),
         obstacle=None if plan is None else obstacle_depth(plan, samples.xy, x, y).astype(np.float32),
         radio=build_radio_map(walks, placed),
+        routes=_routes(placed),
     )
     say(1.0, "done")
     return MapBuild(
@@ -108,6 +110,12 @@ def build_map(
             "white": covariance.white,
         },
     )
+
+
+def _routes(placed: Sequence[PlacedSamples]) -> RouteLines:
+    """Where the survey was walked, as the walks were placed."""
+    first = np.concatenate([[0], np.cumsum([len(walk) for walk in placed[:-1]])])
+    return RouteLines(np.concatenate([walk.xy for walk in placed]).astype(np.float32), first.astype(np.int32))
 
 
 def _silent(_fraction: float, _what: str) -> None:

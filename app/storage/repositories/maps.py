@@ -6,11 +6,11 @@ from collections.abc import Set as AbstractSet
 from dataclasses import asdict
 from typing import Any
 
-from sqlalchemy import Row, func, insert, select
+from sqlalchemy import Row, Table, func, insert, select
 
 from app.engine.types import FeatureSet, GridMap, MapBuildSettings, WalkReport
-from app.services.records import MapInfo, NewBuild, PackedMap, PackedRadio, PackedTile, Page
-from app.storage.models import map_builds, map_tiles, maps, radio_layers, tiles
+from app.services.records import MapInfo, NewBuild, PackedLayer, PackedMap, PackedTile, Page
+from app.storage.models import map_builds, map_tiles, maps, radio_layers, route_layers, tiles
 from app.storage.repositories.base import Repository
 from app.storage.tiles import header_from, pack_map, unpack_map
 
@@ -27,6 +27,7 @@ _PLAIN = (  # stored as they are
         "has_obstacle",
         "n_transmitters",
         "radio_cell_m",
+        "n_routes",
     ),
 )
 _KNOWN_CHUNK = 500  # parameters of one IN list; SQLite takes at least 999
@@ -54,13 +55,14 @@ class SqlMapRepository(Repository):
         return pack_map(grid_map)
 
     def add(self, info: MapInfo, packed: PackedMap) -> None:
-        """Store a map version; tiles and a radio layer that an earlier version has are shared."""
+        """Store a map version; tiles and layers that an earlier version has are shared."""
         known = self._known({tile.hash for tile in packed.tiles})
         fresh = {tile.hash: tile for tile in packed.tiles if tile.hash not in known}
         if fresh:
             self._write(insert(tiles), [{"hash": tile.hash, "data": tile.data} for tile in fresh.values()])
-        radio_hash = None if packed.radio is None else self._add_radio(packed.radio)
-        self._write(insert(maps).values(**_columns(info), radio_hash=radio_hash))
+        radio_hash = self._add_layer(radio_layers, packed.radio)
+        routes_hash = self._add_layer(route_layers, packed.routes)
+        self._write(insert(maps).values(**_columns(info), radio_hash=radio_hash, routes_hash=routes_hash))
         self._write(insert(map_tiles), [_place(info.id, tile) for tile in packed.tiles])
 
     def get(self, map_id: str) -> MapInfo:
@@ -83,7 +85,7 @@ class SqlMapRepository(Repository):
         return {walk["walk_id"] for walks in reports for walk in walks if walk.get("stride_scale") is not None}
 
     def load(self, map_id: str) -> GridMap:
-        """Assemble a map from its tiles and its radio layer."""
+        """Assemble a map from its tiles, its radio layer and its lines."""
         info = self.get(map_id)
         rows = self._read(
             select(map_tiles.c.row, map_tiles.c.column, tiles.c.data)
@@ -93,13 +95,18 @@ class SqlMapRepository(Repository):
         radio: bytes | None = self._read(
             select(radio_layers.c.data).join(maps, maps.c.radio_hash == radio_layers.c.hash).where(maps.c.id == map_id)
         ).scalar()
+        routes: bytes | None = self._read(
+            select(route_layers.c.data).join(maps, maps.c.routes_hash == route_layers.c.hash).where(maps.c.id == map_id)
+        ).scalar()
         header = header_from({name: getattr(info, name) for name in info.__slots__})
-        return unpack_map(header, ((row.row, row.column, row.data) for row in rows), radio)
+        return unpack_map(header, ((row.row, row.column, row.data) for row in rows), radio, routes)
 
-    def _add_radio(self, radio: PackedRadio) -> str:
-        if self._read(select(radio_layers.c.hash).where(radio_layers.c.hash == radio.hash)).first() is None:
-            self._write(insert(radio_layers).values(hash=radio.hash, data=radio.data))
-        return radio.hash
+    def _add_layer(self, table: Table, layer: PackedLayer | None) -> str | None:
+        if layer is None:
+            return None
+        if self._read(select(table.c.hash).where(table.c.hash == layer.hash)).first() is None:
+            self._write(insert(table).values(hash=layer.hash, data=layer.data))
+        return layer.hash
 
     def _known(self, hashes: set[str]) -> set[str]:
         ordered = sorted(hashes)

@@ -226,6 +226,7 @@ class MapInfo(Model):
     build_s: float
     n_transmitters: int | None = None
     radio_cell_m: float | None = None
+    n_routes: int | None = None
     created_at: datetime
 
 
