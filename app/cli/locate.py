@@ -31,7 +31,12 @@ def locate(
     heading: Annotated[
         float | None, typer.Option(help="Direction of the device's y axis, degrees counter-clockwise from +x.")
     ] = None,
-    method: Annotated[str | None, typer.Option(help="Positioning method.", show_default="the service's")] = None,
+    method: Annotated[
+        str | None,
+        typer.Option(
+            help="Positioning method (GET /v1/methods); auto chooses one and says why.", show_default="the service's"
+        ),
+    ] = None,
     frame: Annotated[str, typer.Option(help="Sensor axes of a .csv: android, ios, frd or flu.")] = "android",
     output: Annotated[Path | None, typer.Option("--json", help="Write the fixes here, as columns.")] = None,
     url: Url = DEFAULT_URL,
@@ -58,6 +63,8 @@ def locate(
     with connect(url, key) as client:
         result = client.locate(level, samples, venue_id=venue, method=method, prior=prior, aids=aids)
     fixes = result.fixes
+    if result.method_reason:
+        typer.echo(f"{result.method}: {result.method_reason}", err=True)
     if output:
         output.write_text(json.dumps(_columns(fixes)))
     ellipses = [fixes.ellipse95(i) for i in range(len(fixes))]

@@ -12,7 +12,7 @@ from app.services.clock import Clock
 from app.services.ids import seed_of
 from app.services.level_frame import in_level_frame
 from app.services.map_refs import MapRefs
-from app.services.methods import MethodCheck, check_method
+from app.services.methods import MethodCheck, check_method, method_for
 from app.services.places import choose_place
 from app.services.ports import Executor, MapCache, UnitOfWorkFactory, WorkerLostError
 from app.services.records import Located
@@ -54,9 +54,11 @@ class LocateService(Service):
         self._check(method, parameters)
         with self._uow() as uow:
             place = choose_place(uow, level_id, venue_id, map_id)
+            odometry = aids.speed is not None or aids.steps is not None
+            chosen = method_for(uow, place, method, prior, odometry=odometry)
             (segment,) = in_level_frame(uow, place.venue_id, [Recording(samples, aids)])
         spec = LocateSpec(
-            method=method,
+            method=chosen.name,
             parameters=dict(parameters),
             prior=place.prior(prior),
             seed=seed_of(hashlib.sha256(samples.t.tobytes() + samples.mag.tobytes()).hexdigest()),
@@ -66,7 +68,12 @@ class LocateService(Service):
         )
         result = self._run(spec)
         return Located(
-            fixes=result.fixes, lagged=result.lagged, level_id=place.level_id, maps=place.maps, method=method
+            fixes=result.fixes,
+            lagged=result.lagged,
+            level_id=place.level_id,
+            maps=place.maps,
+            method=chosen.name,
+            method_reason=chosen.reason,
         )
 
     def _run(self, spec: LocateSpec) -> LocateResult:

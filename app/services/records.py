@@ -247,6 +247,8 @@ class Session:
     closed_at: datetime | None
     calibration_epoch: str = ""
     """Changes when the device's platform recalibrates its magnetometer; the application's word."""
+    method_reason: str | None = None
+    """Why this method, if it was chosen by the service."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -324,6 +326,7 @@ class Located:
     level_id: str | None
     maps: tuple[LevelMap, ...]
     method: str
+    method_reason: str | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -20,7 +20,7 @@ from app.services.errors import (
 )
 from app.services.ids import new_id
 from app.services.level_frame import in_level_frame
-from app.services.methods import MethodCheck, check_method
+from app.services.methods import MethodCheck, check_method, method_for
 from app.services.places import choose_place
 from app.services.ports import JobListener, MapCache, UnitOfWork, UnitOfWorkFactory
 from app.services.records import (
@@ -80,6 +80,7 @@ class SessionService(Service):
         now = self._clock()
         with self._uow(write=True) as uow:
             place = choose_place(uow, level_id, venue_id, map_id)
+            chosen = method_for(uow, place, method, prior)
             calibration = starting_calibration(uow, device_id, calibration_epoch)
             session = Session(
                 id=new_id("ses", now),
@@ -87,7 +88,8 @@ class SessionService(Service):
                 level_id=place.level_id,
                 maps=place.maps,
                 device_id=device_id,
-                method=method,
+                method=chosen.name,
+                method_reason=chosen.reason,
                 parameters=dict(parameters),
                 prior=replace(place.prior(prior), calibration=calibration),
                 status=SessionStatus.OPEN,

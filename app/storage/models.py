@@ -305,6 +305,7 @@ sessions = Table(
     _time("created_at"),
     _time("closed_at", nullable=True),
     Column("calibration_epoch", String(64), nullable=False, server_default=""),
+    Column("method_reason", String(256), nullable=True),
     # when what the session learned went into its device's memory
     _time("remembered_at", nullable=True),
     Index(None, "venue_id", "id"),

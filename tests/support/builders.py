@@ -316,7 +316,7 @@ def answer_smooth(spec: SmoothSpec, progress: Progress) -> SmoothResult:
 
 def check_known_method(method: str, parameters: Mapping[str, object]) -> None:
     """A method check without an engine."""
-    if method not in ("particle", "dead_reckoning"):
+    if method not in ("particle", "dead_reckoning", "auto"):
         raise InvalidError("method", f"{method!r} is unknown", "choose one of dead_reckoning, particle")
     for name in parameters.keys() - {"n_particles"}:
         raise InvalidError(f"parameters.{name}", "is unknown", "see GET /v1/methods/particle")

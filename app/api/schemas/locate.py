@@ -19,7 +19,7 @@ from app.api.schemas.fixes import (
 )
 from app.api.schemas.levels import LEVEL_ID
 from app.api.schemas.maps import MAP_ID
-from app.api.schemas.methods import MethodName
+from app.api.schemas.methods import MethodName, MethodReason
 from app.api.schemas.places import LevelOfTrip, MapIdOut, MapOfTrip, MapsOut, VenueOfTrip, maps_object
 from app.api.schemas.samples import SAMPLES_EXAMPLE, Frame, SamplesIn
 from app.api.schemas.sessions import PRIOR_EXAMPLE, Parameters, PriorIn
@@ -52,6 +52,7 @@ class LocateOut(Out):
             "map_id": MAP_ID,
             "maps": [{"level_id": LEVEL_ID, "map_id": MAP_ID}],
             "method": DEFAULT_METHOD,
+            "method_reason": None,
             "fixes": FIXES_EXAMPLE,
             "fixed_lag": {name: [] for name in FIXES_EXAMPLE},
             "position": POSITION_EXAMPLE,
@@ -61,6 +62,7 @@ class LocateOut(Out):
     map_id: MapIdOut
     maps: MapsOut
     method: str
+    method_reason: MethodReason
     fixes: FixesOut
     fixed_lag: Annotated[FixesOut, Field(description=FIXED_LAG)]
     position: Annotated[PositionOut | None, Field(description="The last fix.")]
@@ -71,6 +73,7 @@ def located_object(located: Located) -> dict[str, Any]:
     return {
         **maps_object(located.level_id, located.maps),
         "method": located.method,
+        "method_reason": located.method_reason,
         "fixes": fix_columns(located.fixes),
         "fixed_lag": fix_columns(located.lagged),
         "position": position_object(located.fixes[-1]) if located.fixes else None,

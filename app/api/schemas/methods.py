@@ -10,17 +10,25 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import Field, WithJsonSchema
 
 from app.api.schemas.base import Out, PageOut, example
-from app.engine.localization.registry import DEFAULT_METHOD, METHODS, Bound, Method
+from app.engine.localization.registry import DEFAULT_METHOD, METHODS, Method
+from app.engine.matching import Bound
 from app.engine.types import FeatureSet
+from app.services.methods import AUTO
 
 MethodName = Annotated[
     str,
     Field(max_length=64),
     WithJsonSchema(
-        {"type": "string", "enum": list(METHODS), "default": DEFAULT_METHOD, "description": "See `GET /v1/methods`."}
+        {
+            "type": "string",
+            "enum": [*METHODS, AUTO],
+            "default": DEFAULT_METHOD,
+            "description": "See `GET /v1/methods`; `auto` chooses by venue, map and prior, and the answer says why.",
+        }
     ),
 ]
 """A plain string to pydantic: the services know the registry and name the choices in their error."""
+MethodReason = Annotated[str | None, Field(description="Why this method, where the request left it to `auto`.")]
 
 _PARAMETER = {
     "name": "particles",
@@ -41,6 +49,9 @@ _METHOD = {
     "needs_heading": False,
     "needs_odometry": False,
     "dimensions": 2,
+    "needs_prior": False,
+    "needs_routes": False,
+    "scales": ["indoor"],
     "parameters": [_PARAMETER],
 }
 
@@ -84,7 +95,10 @@ class MethodOut(Out):
     features: list[FeatureSet]
     needs_heading: bool
     needs_odometry: bool
-    dimensions: int
+    dimensions: Annotated[int, Field(description="2 over an area, 1 along lines.")]
+    needs_prior: Annotated[bool, Field(description="Whether it only searches about a known start.")]
+    needs_routes: Annotated[bool, Field(description="Whether it compares with the lines a map was surveyed along.")]
+    scales: Annotated[list[str], Field(description="Kinds of venue that it suits.")]
     parameters: list[ParameterOut]
 
     @classmethod
@@ -101,6 +115,9 @@ class MethodOut(Out):
             needs_heading=method.needs_heading,
             needs_odometry=method.needs_odometry,
             dimensions=method.dimensions,
+            needs_prior=method.needs_prior,
+            needs_routes=method.needs_routes,
+            scales=list(method.scales),
             parameters=[
                 ParameterOut.of(item, method.bounds.get(item.name), descriptions.get(item.name, ""))
                 for item in dataclasses.fields(method.parameters)

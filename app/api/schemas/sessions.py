@@ -12,7 +12,7 @@ from app.api.schemas.base import Epoch, IdRef, In, Metres, Number, Out, PageOut,
 from app.api.schemas.devices import CALIBRATION_EXAMPLE, DEVICE_ID, CalibrationOut
 from app.api.schemas.levels import LEVEL_ID
 from app.api.schemas.maps import MAP_ID
-from app.api.schemas.methods import MethodName
+from app.api.schemas.methods import MethodName, MethodReason
 from app.api.schemas.places import LevelOfTrip, MapIdOut, MapOfTrip, MapsOut, VenueOfTrip, maps_object
 from app.api.schemas.venues import VENUE_ID
 from app.engine.localization.registry import DEFAULT_METHOD
@@ -30,6 +30,7 @@ _SESSION = {
     "maps": [{"level_id": LEVEL_ID, "map_id": MAP_ID}],
     "device_id": DEVICE_ID,
     "method": DEFAULT_METHOD,
+    "method_reason": None,
     "parameters": {},
     "prior": {"x": 12.0, "y": 4.0, "radius_m": 3.0, "heading_deg": None, "heading_sd_deg": None},
     "status": "open",
@@ -159,6 +160,7 @@ class SessionOut(Out):
     maps: MapsOut
     device_id: str | None
     method: str
+    method_reason: MethodReason
     parameters: dict[str, Any]
     prior: PriorOut
     status: SessionStatus
@@ -181,6 +183,7 @@ class SessionOut(Out):
             **maps_object(session.level_id, session.maps),
             device_id=session.device_id,
             method=session.method,
+            method_reason=session.method_reason,
             parameters=dict(session.parameters),
             prior=PriorOut.of(session.prior),
             status=session.status,

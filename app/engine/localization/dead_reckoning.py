@@ -10,13 +10,12 @@ from app.engine.errors import StateError
 from app.engine.inertial import PedestrianState, StepEvents, advance, gap_before, settled_until
 from app.engine.inertial.stride import BOUNCE, SPREAD
 from app.engine.localization import codec
+from app.engine.localization.compass import start_heading
 from app.engine.localization.initial import WALKING_M_S
 from app.engine.types import (
     Answer,
     DeviceCalibration,
-    FeatureSet,
     Fix,
-    Float64Array,
     GridMap,
     MapSource,
     Prior,
@@ -116,29 +115,13 @@ class DeadReckoningTracker:
 
 
 def _begin(prior: Prior, pedestrian: PedestrianState, events: StepEvents, grid_map: GridMap) -> _Track:
-    walked = len(events) > 0
-    free = float(events.heading[0] if walked else pedestrian.tail.heading[-1])
-    if prior.heading is not None:
-        heading = prior.heading
-    elif grid_map.features is FeatureSet.VECTOR:
-        mag = events.mag[0] if walked else pedestrian.tail.mag[-10:].mean(axis=0)
-        mean = _mean_field(grid_map)
-        heading = float(np.arctan2(mean[1], mean[0]) - np.arctan2(mag[1], mag[0]))
-    else:
-        heading = 0.0
+    heading, _, free = start_heading(prior, pedestrian, events, grid_map)
     return _Track(pedestrian, heading - free, prior.x or 0.0, prior.y or 0.0, heading)
 
 
 def _resume(old: _Track, fresh: _Track, gap_s: float) -> _Track:
     """Old place, fresh heading, and the distance that may lie between."""
     return replace(fresh, x=old.x, y=old.y, walked_m=old.walked_m, unseen_m=old.unseen_m + WALKING_M_S * gap_s)
-
-
-def _mean_field(grid_map: GridMap) -> Float64Array:
-    mapped = grid_map.mapped
-    nodes = grid_map.mean[:, mapped] if mapped.any() else grid_map.mean.reshape(len(grid_map.mean), -1)
-    mean: Float64Array = nodes.mean(axis=1, dtype=np.float64)
-    return mean
 
 
 def _fix(track: _Track, prior: Prior, level_id: str, t: float) -> Fix:

@@ -11,25 +11,21 @@ from typing import Any, Literal
 
 from app.engine.errors import InputError
 from app.engine.localization.dead_reckoning import DeadReckoningParameters, DeadReckoningTracker
+from app.engine.localization.matched import MatcherTracker
 from app.engine.localization.particle import ParticleParameters, ParticleTracker
+from app.engine.matching import MATCHERS, Bound, MatcherEntry
 from app.engine.types import FeatureSet, Tracker
 
 DEFAULT_METHOD = "particle"
 
 
 @dataclass(frozen=True, slots=True)
-class Bound:
-    """Range of a numeric parameter, both ends included."""
-
-    low: float
-    high: float
-
-
-@dataclass(frozen=True, slots=True)
 class Method:
     """A method and what it can do.
 
-    ``parameters`` is a frozen dataclass with defaults; ``bounds`` holds the range of each numeric one.
+    ``parameters`` is a frozen dataclass with defaults; ``bounds`` holds the range of each numeric one. ``needs_prior``:
+    it can only search about a known place; ``needs_routes``: it compares with the lines that a map was surveyed along;
+    ``scales``: kinds of venue that it suits.
     """
 
     name: str
@@ -43,9 +39,12 @@ class Method:
     parameters: type
     bounds: Mapping[str, Bound]
     create: Callable[[Any], Tracker]
+    needs_prior: bool = False
+    needs_routes: bool = False
+    scales: tuple[str, ...] = ("indoor", "route", "area")
 
 
-_METHODS = (
+_TRACKERS = (
     Method(
         name="particle",
         summary=(
@@ -58,6 +57,7 @@ _METHODS = (
         needs_heading=False,
         needs_odometry=False,
         dimensions=2,
+        scales=("indoor",),
         parameters=ParticleParameters,
         bounds=MappingProxyType({"particles": Bound(100, 20_000), "cold_particles": Bound(100, 120_000)}),
         create=ParticleTracker,
@@ -71,12 +71,47 @@ _METHODS = (
         needs_heading=False,
         needs_odometry=False,
         dimensions=2,
+        scales=("indoor", "route"),
         parameters=DeadReckoningParameters,
         bounds=MappingProxyType({"stride_constant": Bound(0.3, 1.1)}),
         create=DeadReckoningTracker,
     ),
 )
-METHODS: Mapping[str, Method] = MappingProxyType({method.name: method for method in _METHODS})
+
+
+def _served(entry: MatcherEntry) -> Method:
+    """A matcher as a method of sessions."""
+
+    def create(parameters: Any) -> Tracker:
+        return MatcherTracker(
+            entry.name,
+            entry.create(parameters),
+            needs_routes=entry.needs_routes,
+            needs_region=entry.needs_region,
+            needs_odometry=entry.needs_odometry,
+        )
+
+    return Method(
+        name=entry.name,
+        summary=entry.summary,
+        reference=entry.reference,
+        kind="matcher",
+        features=entry.features,
+        needs_heading=entry.needs_heading,
+        needs_odometry=entry.needs_odometry,
+        dimensions=entry.dimensions,
+        parameters=entry.parameters,
+        bounds=entry.bounds,
+        create=create,
+        needs_prior=entry.needs_region,
+        needs_routes=entry.needs_routes,
+        scales=entry.scales,
+    )
+
+
+METHODS: Mapping[str, Method] = MappingProxyType(
+    {method.name: method for method in (*_TRACKERS, *map(_served, MATCHERS.values()))}
+)
 
 
 def create_tracker(name: str, parameters: Mapping[str, object] | None = None) -> Tracker:
@@ -108,6 +143,10 @@ def _coerce(key: str, value: object, default: object, bound: Bound | None) -> ob
         if value not in choices:
             raise InputError(field, f"must be one of {', '.join(choices)}")
         return type(default)(value)
+    if isinstance(default, bool):
+        if not isinstance(value, bool):
+            raise InputError(field, "must be true or false")
+        return value
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise InputError(field, "must be a number")
     if not math.isfinite(value) or (isinstance(default, int) and value != int(value)):

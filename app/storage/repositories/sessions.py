@@ -129,6 +129,7 @@ class SqlSessionRepository(Repository):
                 "created_at": session.created_at,
                 "closed_at": session.closed_at,
                 "calibration_epoch": session.calibration_epoch,
+                "method_reason": session.method_reason,
             },
         )
 
@@ -317,6 +318,7 @@ def _session(row: Row[Any]) -> Session:
         created_at=row.created_at,
         closed_at=row.closed_at,
         calibration_epoch=row.calibration_epoch,
+        method_reason=row.method_reason,
     )
 
 

@@ -264,6 +264,7 @@ class SessionInfo(Model):
     maps: tuple[LevelMap, ...] = ()
     device_id: str | None = None
     method: str
+    method_reason: str | None = None
     parameters: Mapping[str, Any] = {}
     prior: Prior
     status: SessionStatus
@@ -355,6 +356,9 @@ class Method(Model):
     needs_heading: bool = False
     needs_odometry: bool = False
     dimensions: int = 2
+    needs_prior: bool = False
+    needs_routes: bool = False
+    scales: tuple[str, ...] = ()
     parameters: tuple[MethodParameter, ...] = ()
 
 

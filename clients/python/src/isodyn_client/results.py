@@ -56,6 +56,7 @@ class LocateResult(_WithFixes):
     map_id: str | None = None
     maps: tuple[LevelMap, ...] = ()
     method: str | None = None
+    method_reason: str | None = None
 
 
 class Trajectory(_WithFixes):
