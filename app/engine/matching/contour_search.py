@@ -1,0 +1,202 @@
+"""First search of contour matching: all shifts of a region on a coarse map, over rotations and scales."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+
+import numpy as np
+
+from app.engine.errors import InputError
+from app.engine.kernels.contour import keep_lowest
+from app.engine.matching.criteria import Criterion
+from app.engine.matching.field import features_of
+from app.engine.matching.lattice import LatticeMap
+from app.engine.matching.peaks import local_minima
+from app.engine.matching.placements import placed
+from app.engine.matching.problem import MatchProblem, Profile
+from app.engine.types import FeatureSet, Float64Array
+
+_TURN_SD, _SCALE_SD = 0.1, 0.1
+"""rad, -: of the track's shape where no region says better."""
+_MOST_POSES = 4001
+
+
+@dataclass(frozen=True, slots=True)
+class MagcomParameters:
+    """Of the contour search.
+
+    Attributes
+    ----------
+    criterion : Criterion
+        What measures the agreement.
+    features : FeatureSet
+        Compared at most; less where profile or map have less.
+    sigmas : float
+        Half size of the search region, rotations and scales, in standard deviations of the prior.
+    rotations : int
+        Headings tried, evenly over the range; 1 keeps the indicated one, 0 takes as many as the track's extent needs.
+    scales : int
+        Likewise of the track's stretch.
+    centre : bool
+        Take the mean difference of each channel off first if the profile's sensor has an offset.
+    coarse : int
+        Cells of the map that are one step of the first search.
+    kept : int
+        Places of the first search that are followed up.
+    listed : int
+        Of these, places brought to their very best and judged.
+    mapped : float
+        Least share of a placement that must lie on mapped ground.
+    """
+
+    criterion: Criterion = Criterion.MAD
+    features: FeatureSet = FeatureSet.VECTOR
+    sigmas: float = 3.0
+    rotations: int = 1
+    scales: int = 1
+    centre: bool = True
+    coarse: int = 2
+    kept: int = 30
+    listed: int = 8
+    mapped: float = 0.5
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """Places of the first search.
+
+    Attributes
+    ----------
+    placements : array, shape (p, 4)
+        Shift (m), rotation (rad) and scale about the track's first point; best first.
+    evaluated : int
+    complete : bool
+        It came to its end before the deadline.
+    """
+
+    placements: Float64Array
+    evaluated: int
+    complete: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Box:
+    """Where placements are searched: bounds of the shift (m), rotations (rad) and scales tried."""
+
+    low: Float64Array
+    high: Float64Array
+    rotations: Float64Array
+    scales: Float64Array
+
+    @property
+    def poses(self) -> Float64Array:
+        """Rotations and scales, from the indicated ones outwards: a deadline leaves out the unlikely; shape (p, 2)."""
+        rotation, scale = (part.ravel() for part in np.meshgrid(self.rotations, self.scales, indexing="ij"))
+        far = (rotation / max(np.abs(self.rotations).max(), 1e-9)) ** 2
+        far += ((scale - 1.0) / max(np.abs(self.scales - 1.0).max(), 1e-9)) ** 2
+        return np.column_stack([rotation, scale])[np.argsort(far, kind="stable")]
+
+    @property
+    def bounds(self) -> tuple[Float64Array, Float64Array]:
+        """Of placements, shape (4,) each."""
+        low = np.array([*self.low, self.rotations.min(), self.scales.min()])
+        return low, np.array([*self.high, self.rotations.max(), self.scales.max()])
+
+
+def search_box(problem: MatchProblem, p: MagcomParameters) -> Box:
+    """Shifts that the prior allows and that leave enough of the track on the map."""
+    x, y = problem.track.x, problem.track.y
+    x_min, y_min, x_max, y_max = problem.grid_map.extent
+    need = max(int(np.ceil(p.mapped * len(x))), 1)
+    region = problem.region
+    turn, stretch = (_TURN_SD, _SCALE_SD) if region is None else (region.heading_sd, region.scale_sd)
+    extent = float(np.sqrt(np.var(x) + np.var(y)))
+    step = p.coarse * problem.grid_map.cell_m / max(extent, 1e-9)
+    rotations, scales = _spread(p.rotations, p.sigmas * turn, step), 1.0 + _spread(p.scales, p.sigmas * stretch, step)
+    scales = scales[scales > 0.05]
+    if len(rotations) * len(scales) > _MOST_POSES:
+        raise InputError(
+            "rotations", f"{len(rotations)} rotations and {len(scales)} scales: at most {_MOST_POSES} poses"
+        )
+    # the n-th point from either side must be on the map; a turned or stretched track lies otherwise about its first
+    slack = np.zeros(2)
+    if len(rotations) * len(scales) > 1:
+        reach = float(np.hypot(x - x[0], y - y[0]).max())
+        slack += reach * (2.0 * np.sin(0.5 * min(np.ptp(rotations), np.pi)) + np.abs(scales - 1.0).max())
+    low = np.array([x_min - np.sort(x)[-need], y_min - np.sort(y)[-need]]) - slack
+    high = np.array([x_max - np.sort(x)[need - 1], y_max - np.sort(y)[need - 1]]) + slack
+    if region is not None:
+        centre, half = np.array([region.x - x[0], region.y - y[0]]), np.array(region.half_widths(p.sigmas))
+        low, high = np.maximum(low, centre - half), np.minimum(high, centre + half)
+    return Box(low, high, rotations, scales)
+
+
+def _spread(count: int, half: float, step: float) -> Float64Array:
+    """Offsets from ``-half`` to ``half``, symmetric about 0: ``count`` of them, or steps small enough."""
+    if count == 0:
+        count = 2 * int(np.ceil(half / step)) + 1 if step * _MOST_POSES > half else 2 * _MOST_POSES
+    return np.linspace(-half, half, count) if count > 1 and half > 0.0 else np.zeros(1)
+
+
+def first_search(problem: MatchProblem, profile: Profile, box: Box, p: MagcomParameters, until: float) -> Found:
+    """Lowest places over the lattice of shifts on the coarse map, over all rotations and scales."""
+    grid_map, cell = problem.grid_map, problem.grid_map.cell_m
+    pitch = p.coarse
+    xy, values = thinned(problem.track.xy, profile.values, pitch * cell)
+    shape = tuple(int(np.floor((b - a) / (pitch * cell) + 1e-9)) + 1 for a, b in zip(box.low, box.high, strict=True))
+    columns, rows = shape
+    away = float(np.hypot(*(xy - xy[0]).T).max()) * float(box.scales.max())
+    if len(box.rotations) * len(box.scales) == 1:
+        low, high = xy.min(axis=0) + box.low, xy.max(axis=0) + box.high
+    else:
+        low, high = xy[0] + box.low - away, xy[0] + box.high + away
+    origin = np.array([grid_map.x0, grid_map.y0])
+    low, high = (low - origin) / cell, (high - origin) / cell
+    lattice = LatticeMap.of(
+        features_of(grid_map, profile.features)[0],
+        grid_map.mapped,
+        pitch=pitch,
+        reference=values.mean(axis=0),
+        low=(low[1], low[0]),
+        high=(high[1], high[0]),
+    )
+    poses = box.poses
+    lowest, which, tried = np.full((rows, columns), np.inf, dtype=np.float32), np.zeros((rows, columns), np.int64), 0
+    for k, (rotation, scale) in enumerate(poses):
+        x, y = placed(xy, box.low[0], box.low[1], rotation, scale)
+        turned = turned_readings(profile, values, rotation)
+        points = lattice.points((y - grid_map.y0) / cell, (x - grid_map.x0) / cell, turned)
+        cost = lattice.costs(points, (rows, columns), p.criterion, centre=centres(profile, p), mapped=p.mapped)
+        keep_lowest(cost, k, lowest, which)
+        tried += 1
+        if time.thread_time() > until:
+            break
+    at = local_minima(lowest, p.kept)
+    shift = box.low + pitch * cell * at[:, ::-1]
+    placements = np.column_stack([shift, poses[which[at[:, 0], at[:, 1]]]])
+    return Found(placements, tried * rows * columns, tried == len(poses))
+
+
+def thinned(xy: Float64Array, values: Float64Array, spacing_m: float) -> tuple[Float64Array, Float64Array]:
+    """Means over as many successive points as lie ``spacing_m`` apart: what a coarse map can be compared with."""
+    way = float(np.hypot(*np.diff(xy, axis=0).T).sum())
+    group = max(int(spacing_m * max(len(xy) - 1, 1) / max(way, 1e-9) + 1e-9), 1) if way > 0.0 else 1
+    if group == 1:
+        return xy, values
+    starts = np.arange(0, len(xy), group)
+    counts = np.diff(np.append(starts, len(xy)))[:, None]
+    return np.add.reduceat(xy, starts) / counts, np.add.reduceat(values, starts) / counts
+
+
+def turned_readings(profile: Profile, values: Float64Array, angle: float) -> Float64Array:
+    """Readings (n, channels) of a track that is turned."""
+    if profile.features is not FeatureSet.VECTOR or angle == 0.0:
+        return values
+    c, s = np.cos(angle), np.sin(angle)
+    return np.column_stack([c * values[:, 0] - s * values[:, 1], s * values[:, 0] + c * values[:, 1], values[:, 2]])
+
+
+def centres(profile: Profile, p: MagcomParameters) -> bool:
+    """Whether mean differences are taken off: wanted, and the sensor has an offset."""
+    return p.centre and profile.offset_sd > 0.0
