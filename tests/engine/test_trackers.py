@@ -170,6 +170,7 @@ class TestRegistry:
                 name
                 for name in method.parameters.__dataclass_fields__
                 if isinstance(getattr(method.parameters(), name), int | float)
+                and not isinstance(getattr(method.parameters(), name), bool)
             }
             assert numeric == set(method.bounds)
 

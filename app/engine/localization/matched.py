@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 from weakref import WeakKeyDictionary
 
@@ -39,6 +39,9 @@ _DRIFT = 0.12
 _MAX_HYPOTHESES = 5
 _SCALES = (0.6, 1.6)
 _PACE_S = 0.5
+_REACH_M = 3.0
+_COVARIANCE = 1.7
+"""Of a match's covariance, so that 95 % ellipses hold what they claim on left-out survey walks."""
 _ROUTES: WeakKeyDictionary[GridMap, tuple[RouteMap, ...]] = WeakKeyDictionary()
 
 
@@ -225,11 +228,12 @@ def _settle(session: _Session, result: MatchResult | None, new: int, level_id: s
         session.walk_on_m = None if result is None else result.walk_on_m
         session.weight = 0.0
         return ()
-    best = result.matches[0]
+    matches = tuple(replace(match, cov=_COVARIANCE * match.cov) for match in result.matches)
+    best = matches[0]
     session.status, session.walk_on_m, session.weight = result.status, result.walk_on_m, best.weight
-    session.cov = best.cov if result.status is Status.OK else _of_all(result.matches)
+    session.cov = best.cov if result.status is Status.OK else _of_all(matches)
     if result.status is Status.AMBIGUOUS:  # nothing is settled: the next match is asked as widely as this one
-        session.hypotheses = tuple(_hypothesis(match, level_id) for match in result.matches[:_MAX_HYPOTHESES])
+        session.hypotheses = tuple(_hypothesis(match, level_id) for match in matches[:_MAX_HYPOTHESES])
         return ()
     _move(session, best)
     events = session.window.events
@@ -248,8 +252,8 @@ def _move(session: _Session, best: LocatedTrack) -> None:
     heading, stride = float(window.events.motion_heading[0]) + session.offset, float(window.events.stride[0])
     x0, y0 = float(best.x[0]) - stride * np.cos(heading), float(best.y[0]) - stride * np.sin(heading)
     way = float(window.events.stride.sum())
-    # known at the end as the match says, and before it as far as the shape is known
-    variance = float(np.trace(best.cov)) / 2.0 + (0.5 * SPREAD * way) ** 2 / 4.0
+    # The next window holds most of these steps again: what they have told may bound its search, not bear it out.
+    variance = float(np.trace(best.cov)) / 2.0 + (0.5 * SPREAD * way) ** 2 / 4.0 + _REACH_M**2
     session.window = window.placed(best.x.copy(), best.y.copy(), float(x0), float(y0), variance)
 
 

@@ -17,7 +17,8 @@ STEPS = 60
 """Steps that a matcher looks back on: the shape of 40 m tells a place."""
 SPACING_M = 0.25
 """Between points of the lines that sequences are compared with."""
-_NOISE_UT = 0.5
+_NOISE = 2.8
+"""Of the map's repeatability: readings of one walk err together over metres, as the particle filter's fit shows, too."""
 _OFFSET_UT = 5.5
 """Hard iron that the platform's calibration leaves, one standard deviation."""
 _SHAPE = 0.04
@@ -147,7 +148,8 @@ def problem_of(
     angle = events.heading + offset
     c, s = np.cos(angle), np.sin(angle)
     vector = np.stack([c * mag[:, 0] - s * mag[:, 1], s * mag[:, 0] + c * mag[:, 1], mag[:, 2]], axis=1)
-    profile = Profile(FeatureSet.VECTOR, vector, np.full(3, _NOISE_UT), offset_sd)
+    noise_sd = np.full(3, _NOISE * float(np.sqrt(np.mean(np.square(grid_map.noise_sd)))))
+    profile = Profile(FeatureSet.VECTOR, vector, noise_sd, offset_sd)
     profile = profile.as_features(common_features(FeatureSet.VECTOR, grid_map.features))
     region = None
     if window.located:
