@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import astuple, dataclass, replace
 from typing import Any
 from weakref import WeakKeyDictionary
 
@@ -34,7 +34,7 @@ from app.engine.types import (
 
 LEAST_STEPS = 8
 """Fewer are not matched: whatever fits them fits elsewhere, too."""
-_DRIFT = 0.12
+_DRIFT = 0.2
 """Error of dead reckoning since the last match, of the way."""
 _MAX_HYPOTHESES = 5
 _SCALES = (0.6, 1.6)
@@ -43,6 +43,14 @@ _REACH_M = 3.0
 _COVARIANCE = 1.7
 """Of a match's covariance, so that 95 % ellipses hold what they claim on left-out survey walks."""
 _ROUTES: WeakKeyDictionary[GridMap, tuple[RouteMap, ...]] = WeakKeyDictionary()
+
+
+@dataclass(frozen=True, slots=True)
+class _Told:
+    """Several places, heaviest first, and the covariance about the first that holds all of them, shape (2, 2), m^2."""
+
+    hypotheses: tuple[Hypothesis, ...]
+    cov: Float64Array
 
 
 @dataclass(slots=True)
@@ -56,12 +64,14 @@ class _Session:
     scale : float
         Stride of this walker over the stride model's.
     cov : array, shape (2, 2), m^2
-        Of the newest place.
+        Of the newest step's place.
     status : Status
         Of the newest match.
     walk_on_m : float or None
     weight : float
         Of the newest match's first hypothesis; 0 without one.
+    told : _Told or None
+        What the newest match says if it names several places: steps are not moved for it.
     """
 
     pedestrian: PedestrianState
@@ -73,7 +83,7 @@ class _Session:
     status: Status
     walk_on_m: float | None
     weight: float
-    hypotheses: tuple[Hypothesis, ...] = ()
+    told: _Told | None = None
 
 
 class MatcherTracker:
@@ -145,7 +155,7 @@ class MatcherTracker:
             result = self._match(session, prior, grid_map, values["seed"])
             lagged = _settle(session, result, len(events), level_id)
         last_t, settled_t = float(segment.samples.t[-1]), settled_until(segment.samples.t)
-        fixes.append(_fix(session, settled_t, level_id, *session.window.here, session.cov, told=session.hypotheses))
+        fixes.append(_fix(session, settled_t, level_id, *session.window.here, session.cov, told=session.told))
         after = {"prior": values["prior"], "seed": values["seed"], "session": _session_values(session)}
         return Answer(TrackerState(self.method, codec.pack(after), last_t), tuple(fixes), lagged)
 
@@ -204,7 +214,7 @@ def _resume(session: _Session, gap_s: float, fresh: _Session) -> None:
     known = variance if session.window.located else np.inf
     session.cov = session.cov + (WALKING_M_S * gap_s) ** 2 / 4.0 * np.eye(2)
     session.window = Window.start(*session.window.here, known, fresh.window.turn_sd)
-    session.offset, session.status, session.hypotheses = fresh.offset, Status.INSUFFICIENT, ()
+    session.offset, session.status, session.told = fresh.offset, Status.INSUFFICIENT, None
 
 
 def _walk(session: _Session, events: StepEvents, level_id: str) -> list[Fix]:
@@ -222,7 +232,7 @@ def _walk(session: _Session, events: StepEvents, level_id: str) -> list[Fix]:
 
 def _settle(session: _Session, result: MatchResult | None, new: int, level_id: str) -> tuple[Fix, ...]:
     """Take over what a match says; fixed-lag fixes of the newest ``new`` steps if it says anything."""
-    session.hypotheses = ()
+    session.told = None
     if result is None or not result.matches or result.status in (Status.INSUFFICIENT, Status.OFF_MAP):
         session.status = Status.INSUFFICIENT if result is None else result.status
         session.walk_on_m = None if result is None else result.walk_on_m
@@ -231,10 +241,11 @@ def _settle(session: _Session, result: MatchResult | None, new: int, level_id: s
     matches = tuple(replace(match, cov=_COVARIANCE * match.cov) for match in result.matches)
     best = matches[0]
     session.status, session.walk_on_m, session.weight = result.status, result.walk_on_m, best.weight
-    session.cov = best.cov if result.status is Status.OK else _of_all(matches)
     if result.status is Status.AMBIGUOUS:  # nothing is settled: the next match is asked as widely as this one
-        session.hypotheses = tuple(_hypothesis(match, level_id) for match in matches[:_MAX_HYPOTHESES])
+        places = tuple(_hypothesis(match, level_id) for match in matches[:_MAX_HYPOTHESES])
+        session.told = _Told(places, _of_all(matches))
         return ()
+    session.cov = best.cov
     _move(session, best)
     events = session.window.events
     return tuple(
@@ -289,10 +300,10 @@ def _fix(
     cov: Float64Array,
     kind: FixKind = FixKind.FILTERED,
     *,
-    told: tuple[Hypothesis, ...] = (),
+    told: _Told | None = None,
 ) -> Fix:
-    if told:
-        x, y = told[0].x, told[0].y
+    if told is not None:
+        x, y, cov = told.hypotheses[0].x, told.hypotheses[0].y, told.cov
     spread = float(np.trace(cov)) / 2.0
     asks = session.status in (Status.INSUFFICIENT, Status.AMBIGUOUS)
     return Fix(
@@ -308,7 +319,7 @@ def _fix(
         quality=float(session.weight / (1.0 + spread / 9.0)),
         sure=False,
         walk_on_m=session.walk_on_m if asks else None,
-        hypotheses=told,
+        hypotheses=() if told is None else told.hypotheses,
         kind=kind,
     )
 
@@ -326,12 +337,15 @@ def _session_values(session: _Session) -> dict[str, Any]:
             session.weight,
         ],
         "cov": session.cov,
-        "hypotheses": [[h.level_id, h.x, h.y, h.cov_xx, h.cov_xy, h.cov_yy, h.weight] for h in session.hypotheses],
+        "told": None
+        if session.told is None
+        else {"places": [list(astuple(one)) for one in session.told.hypotheses], "cov": session.told.cov},
     }
 
 
 def _session_from(values: dict[str, Any]) -> _Session:
     offset, scale, heading, status, walk_on_m, weight = values["rest"]
+    told = values["told"]
     return _Session(
         pedestrian=codec.pedestrian_state(values["pedestrian"]),
         window=Window.of(values["window"]),
@@ -342,5 +356,5 @@ def _session_from(values: dict[str, Any]) -> _Session:
         walk_on_m=walk_on_m,
         weight=weight,
         cov=values["cov"],
-        hypotheses=tuple(Hypothesis(*one) for one in values["hypotheses"]),
+        told=None if told is None else _Told(tuple(Hypothesis(*one) for one in told["places"]), told["cov"]),
     )

@@ -18,7 +18,7 @@ STEPS = 60
 SPACING_M = 0.25
 """Between points of the lines that sequences are compared with."""
 _NOISE = 2.8
-"""Of the map's repeatability: readings of one walk err together over metres, as the particle filter's fit shows, too."""
+"""Of the map's repeatability: readings of one walk err together over metres, as the particle filter's fit shows."""
 _OFFSET_UT = 5.5
 """Hard iron that the platform's calibration leaves, one standard deviation."""
 _SHAPE = 0.04
