@@ -1,8 +1,8 @@
 """Dynamic time warping of one query against many places of a map, 32 of them at a time.
 
-Symbols: ``q`` query, ``x`` map, ``i`` the query's points ``0..n-1``, ``j`` positions of the map, ``d`` local cost, ``D``
-least cost of a path that ends in a pair. Local costs are squared differences in float32 and absolute ones in uint16
-(:func:`lanes.add_cost`), summed over one to three channels. Two step patterns:
+Symbols: ``q`` query, ``x`` map, ``i`` the query's points ``0..n-1``, ``j`` positions of the map, ``d`` local cost,
+``D`` least cost of a path that ends in a pair. Local costs are squared differences in float32 and absolute ones in
+uint16 (:func:`lanes.add_cost`), summed over one to three channels. Two step patterns:
 
 * classic: ``D(i, j) = d(i, j) + min(D(i-1, j), D(i, j-1), D(i-1, j-1))``;
 * skipping: ``D(i, j) = d(i, j) + min(D(i-1, j), D(i-1, j-1), D(i-1, j-2))``, in which every point of the query counts

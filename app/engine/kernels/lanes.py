@@ -76,7 +76,7 @@ def _minimum(builder, scalar, a, b):
 
 
 @intrinsic
-def load(_typing, array, offset):
+def load(_typing, array, offset):  # noqa: ARG001
     """32 elements from ``offset`` on."""
     if not (isinstance(array, types.Array) and array.dtype in _ELEMENT):
         return None
@@ -91,7 +91,7 @@ def load(_typing, array, offset):
 
 
 @intrinsic
-def store(_typing, array, offset, value):
+def store(_typing, array, offset, value):  # noqa: ARG001
     """Write 32 elements from ``offset`` on."""
 
     def generate(context, builder, signature, arguments):
@@ -117,7 +117,7 @@ def splat(_typing, like, scalar):
 def unreachable(_typing, like):
     """:data:`FAR` in all lanes, of the type of the array ``like``."""
 
-    def generate(_context, builder, _signature, _arguments):
+    def generate(_context, _builder, _signature, _arguments):
         return ir.Constant(_vector(like.dtype), [FAR[str(like.dtype)].item()] * LANES)
 
     return LanesType(like.dtype)(like), generate

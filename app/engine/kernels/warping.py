@@ -9,8 +9,8 @@ HERE, DIAGONAL, SKIP, LEFT, BEGIN = 0, 1, 2, 3, 4
 
 
 @njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
-def warping_path(q, x, lo, hi, skipping, open_begin, costs, moves, path):
-    """Cheapest path that ends with both sequences' last points.
+def warping_path(q, x, lo, hi, skipping, open_ends, costs, moves, path):
+    """Cheapest path of all of the query onto the stretch or, with open ends, onto a part of it.
 
     Parameters
     ----------
@@ -18,8 +18,9 @@ def warping_path(q, x, lo, hi, skipping, open_begin, costs, moves, path):
     x : (m, channels)
     lo, hi : (n,) first and last position that each point of the query may be matched with; neither ever falls
     skipping : True for skipping steps, False for classic ones
-    open_begin : True where the path may begin at any position, False where it begins with both first points
-    costs : (2, m) scratch
+    open_ends : (begin, end), True where the path may begin or end at any position, False where it begins with both
+        first points or ends with both last ones
+    costs : (2, m) scratch; row ``(n - 1) % 2`` is left with the cost by position at which the path ends
     moves : (n, m) int8 scratch
     path : (n + m, 2) output: pairs ``(i, j)`` in the *last* rows
 
@@ -35,7 +36,7 @@ def warping_path(q, x, lo, hi, skipping, open_begin, costs, moves, path):
         for j in range(lo[i], hi[i] + 1):
             best, move = FAR, BEGIN
             if i == 0:
-                if open_begin or j == 0:
+                if open_ends[0] or j == 0:
                     best = 0.0
             else:
                 best, move = before[j], HERE
@@ -50,11 +51,14 @@ def warping_path(q, x, lo, hi, skipping, open_begin, costs, moves, path):
                 best += (q[i, k] - x[j, k]) ** 2
             now[j] = best
             moves[i, j] = move
-    cost = costs[(n - 1) % 2, m - 1]
-    first = path.shape[0]
+    i, j, ends = n - 1, m - 1, costs[(n - 1) % 2]
+    if open_ends[1]:
+        for k in range(m):
+            if ends[k] < ends[j]:
+                j = k
+    cost, first = ends[j], path.shape[0]
     if cost >= FAR:
         return cost, first
-    i, j = n - 1, m - 1
     while True:
         first -= 1
         path[first, 0], path[first, 1] = i, j

@@ -18,8 +18,8 @@ def full_band(n: int, m: int) -> Band:
 def sakoe_chiba_band(n: int, m: int, radius: int) -> Band:
     """Pairs at most ``radius`` positions off the diagonal from the first pair to the last.
 
-    Sakoe and Chiba 1978, doi:10.1109/TASSP.1978.1163055, with the diagonal of unequal lengths in place of ``i = j``; the
-    radius is no smaller than a step of that diagonal, so that the band always holds a path.
+    Sakoe and Chiba 1978, doi:10.1109/TASSP.1978.1163055, with the diagonal of unequal lengths in place of ``i = j``;
+    the radius is no smaller than a step of that diagonal, so that the band always holds a path.
     """
     centre = np.arange(n) * ((m - 1) / max(n - 1, 1))
     reach = max(radius, int(np.ceil((m - 1) / max(n - 1, 1))))

@@ -66,7 +66,9 @@ def routes_spacing(problem: MatchProblem, spacing_m: float, points: int) -> floa
         There are no routes.
     """
     if not problem.routes:
-        raise InputError("routes", "a sequence is compared with lines of the map, and the problem has none: give routes")
+        raise InputError(
+            "routes", "a sequence is compared with lines of the map, and the problem has none: give routes"
+        )
     own = spacing_m if spacing_m > 0.0 else float(np.median([route.spacing_m for route in problem.routes]))
     return max(own, problem.track.length_m / points)
 

@@ -142,7 +142,7 @@ def best_places(total: Float64Array, library: Library, *, places: int, separatio
     """The cheapest local minima, each at least ``separation_m`` from a cheaper one of its route and direction."""
     padded = np.concatenate([[np.inf], total, [np.inf]])
     lowest = np.where((total <= padded[:-2]) & (total <= padded[2:]), total, np.inf)
-    reach = max(int(round(separation_m / library.spacing_m)), 1)
+    reach = max(round(separation_m / library.spacing_m), 1)
     found: list[int] = []
     while len(found) < places:
         j = int(np.argmin(lowest))

@@ -118,6 +118,16 @@ def as_it_is(values: Float64Array) -> tuple[Float64Array, int]:
     return values, 0
 
 
+def untreated(treatment: Treatment) -> Treatment:
+    """The sequence itself, cut as another treatment cuts it."""
+
+    def cut_alike(values: Float64Array) -> tuple[Float64Array, int]:
+        treated, cut = treatment(values)
+        return values[cut : cut + len(treated)], cut
+
+    return cut_alike
+
+
 def difference(values: Float64Array) -> tuple[Float64Array, int]:
     """Change from each point to the next."""
     return np.diff(values, axis=0), 0

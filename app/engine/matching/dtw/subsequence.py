@@ -9,9 +9,18 @@ import numpy as np
 from app.engine.matching.conclude import conclude
 from app.engine.matching.dtw.bands import full_band
 from app.engine.matching.dtw.library import Library, library_of, routes_features, routes_spacing
-from app.engine.matching.dtw.placing import Warping, begins_in, ends_in, place, sd_along_route, warp
+from app.engine.matching.dtw.placing import Warping, begins_in, ends_in, place, sd_along_route, settle, warp
 from app.engine.matching.dtw.search import Deadline, Steps, best_places, subsequence_costs
-from app.engine.matching.dtw.signals import Centre, Resample, Treatment, as_it_is, difference, high_pass, query_of
+from app.engine.matching.dtw.signals import (
+    Centre,
+    Resample,
+    Treatment,
+    as_it_is,
+    difference,
+    high_pass,
+    query_of,
+    untreated,
+)
 from app.engine.matching.dtw.windows import TOO_SHORT
 from app.engine.matching.entry import Bound, MatcherEntry
 from app.engine.matching.problem import MatchProblem
@@ -59,7 +68,7 @@ class SubsequenceParameters:
 def treatment_of(centre: Centre, centre_m: float, spacing_m: float) -> Treatment:
     """What is compared where stretches have no length of their own to take a mean over."""
     if centre is Centre.MEAN:
-        return high_pass(max(int(round(centre_m / spacing_m)), 2))
+        return high_pass(max(round(centre_m / spacing_m), 2))
     return difference if centre is Centre.DIFFERENCE else as_it_is
 
 
@@ -67,7 +76,7 @@ def warp_to(query: Float64Array, library: Library, end: int, steps: Steps) -> Wa
     """Path onto the best stretch that ends at a point of a library."""
     first = max(int(library.begin[end]), end - 2 * len(query))
     stretch = library.values[first : end + 1]
-    return warp(query, stretch, first, full_band(len(query), len(stretch)), steps, open_begin=True)
+    return warp(query, stretch, first, full_band(len(query), len(stretch)), steps, open_ends=(True, False))
 
 
 class SubsequenceDtwMatcher:
@@ -84,7 +93,9 @@ class SubsequenceDtwMatcher:
         treatment = treatment_of(p.centre, p.centre_m, spacing_m)
         query = query_of(problem, features, spacing_m, treatment, resample=p.resample)
         library = library_of(problem.routes, features, spacing_m, treatment)
-        if query is None or library is None:
+        raw = query_of(problem, features, spacing_m, untreated(treatment), resample=p.resample)
+        plain = library_of(problem.routes, features, spacing_m, untreated(treatment))
+        if query is None or library is None or raw is None or plain is None:
             return conclude(problem, [], evaluated=0, note=TOO_SHORT)
         costs = subsequence_costs(query.values, library, p.steps, deadline=deadline)
         begins = begins_in(problem.region, library)
@@ -92,9 +103,14 @@ class SubsequenceDtwMatcher:
         candidates = []
         for end in best_places(total, library, places=p.places, separation_m=p.separation_m):
             warping = warp_to(query.values, library, end, p.steps)
-            if warping is not None and begins[warping.pairs[0, 1]]:
-                sd = sd_along_route(problem, library, costs.total, end, warping)
-                candidates.append(place(problem, query, library, warping, sd, p.aside_sd_m))
+            if warping is None:
+                continue
+            centred = p.centre is not Centre.NONE
+            warping = settle(raw.values, plain, warping, p.steps, separation_m=p.separation_m, centred=centred)
+            if begins[warping.pairs[0, 1]]:
+                last = int(warping.pairs[-1, 1]) - warping.first
+                sd = sd_along_route(problem, plain, warping.ends, last, warping)
+                candidates.append(place(problem, raw, plain, warping, sd, p.aside_sd_m))
         return conclude(problem, candidates, evaluated=costs.evaluated, converged=costs.complete)
 
 
@@ -107,8 +123,8 @@ BOUNDS = {
 }
 ENTRY = MatcherEntry(
     name="subsequence_dtw",
-    summary="Warping of the whole profile onto any stretch of the routes, both ends open: finds speed and place at once.",
-    reference="Sakurai et al. 2007, doi:10.1109/ICDE.2007.368963; Zhang 2021 (Hangzhou Dianzi University), section 3.1.2",
+    summary="Warping of the whole profile onto any stretch of the routes: finds place and speed at once.",
+    reference="Sakurai et al. 2007, doi:10.1109/ICDE.2007.368963; Zhang 2021 (Hangzhou Dianzi University), 3.1.2",
     parameters=SubsequenceParameters,
     create=SubsequenceDtwMatcher,
     bounds=BOUNDS,

@@ -19,6 +19,8 @@ from app.engine.matching.result import MatchResult
 
 POINTS = 400
 """Most points of a query: a longer track is compared at wider spacing, as cost grows with their square."""
+SCALE_SD = 0.1
+"""Of the odometry, where no region says better."""
 TOO_SHORT = "the track is too short to compare: walk on"
 NO_STRETCH = "no route is as long as the track"
 
@@ -144,16 +146,15 @@ class WindowMatcher:
         costs = window_costs(query.values, library, band, self.steps, centred=centred, deadline=deadline)
         total = np.where(begins_in(problem.region, library), costs.total, np.inf)
         values = query.values - query.values.mean(axis=0) if centred else query.values
+        ends = _ends_sd(problem)
         candidates = []
         for first in best_places(total, library, places=p.places, separation_m=p.separation_m):
             stretch = library.values[first : first + n]
-            warping = warp(
-                values, stretch - stretch.mean(axis=0) if centred else stretch, first, band, self.steps,
-                open_begin=False,
-            )  # fmt: skip
+            stretch = stretch - stretch.mean(axis=0) if centred else stretch
+            warping = warp(values, stretch, first, band, self.steps)
             if warping is not None:
                 sd = sd_along_route(problem, library, costs.total, first, warping)
-                candidates.append(place(problem, query, library, warping, sd, p.aside_sd_m))
+                candidates.append(place(problem, query, library, warping, float(np.hypot(sd, ends)), p.aside_sd_m))
         return conclude(problem, candidates, evaluated=costs.evaluated, converged=costs.complete)
 
 
@@ -178,7 +179,7 @@ class SakoeChibaDtwMatcher(WindowMatcher):
 
     def band(self, n: int) -> Band | None:
         """The band."""
-        return sakoe_chiba_band(n, n, int(round(self.parameters.radius * n)))
+        return sakoe_chiba_band(n, n, round(self.parameters.radius * n))
 
 
 class DdtwMatcher(WindowMatcher):
@@ -195,6 +196,12 @@ class DdtwItakuraMatcher(DdtwMatcher):
     def band(self, n: int) -> Band | None:
         """The parallelogram."""
         return itakura_band(n, n)
+
+
+def _ends_sd(problem: MatchProblem) -> float:
+    """By how much a window as long as the track says its end wrong when the track is not as long as it seems, m."""
+    scale_sd = SCALE_SD if problem.region is None else problem.region.scale_sd
+    return 0.5 * scale_sd * problem.track.length_m
 
 
 def _entry(
