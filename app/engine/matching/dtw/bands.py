@@ -32,6 +32,8 @@ def sakoe_chiba_band(n: int, m: int, radius: int) -> Band:
 def itakura_band(n: int, m: int) -> Band | None:
     """Pairs inside the parallelogram whose sides have slopes 1/2 and 2; None where it holds no path.
 
+    Where the lengths differ, only skipping steps are sure to find a path through it.
+
     Itakura 1975, doi:10.1109/TASSP.1975.1162641. The upper side must come down to the last pair, which the edge printed
     by Zhang 2021 (Hangzhou Dianzi University), equation 3.5, does not.
     """
