@@ -12,6 +12,8 @@ stay at 65535 and differences at 0, so that "unreachable" plus any cost is unrea
 These work in compiled code only; there is nothing to run them with when numba's compiler is off.
 """
 
+from typing import Any
+
 import numpy as np
 from llvmlite import ir
 from numba import types
@@ -19,14 +21,14 @@ from numba.core import cgutils
 from numba.extending import intrinsic, models, register_model
 
 LANES = 32
-FAR = {"float32": np.float32(1e30), "uint16": np.uint16(65535)}
+FAR: dict[str, Any] = {"float32": np.float32(1e30), "uint16": np.uint16(65535)}
 """Unreachable: larger than every cost, and still finite, as fast math wants it."""
 
 _ELEMENT = {types.float32: ir.FloatType(), types.uint16: ir.IntType(16)}
 _SUFFIX = {types.float32: f"v{LANES}f32", types.uint16: f"v{LANES}i16"}
 
 
-class LanesType(types.Type):
+class LanesType(types.Type):  # type: ignore[misc]
     """Numba type of 32 values of one scalar type."""
 
     def __init__(self, scalar: types.Type) -> None:
@@ -40,7 +42,7 @@ class LanesType(types.Type):
 
 
 @register_model(LanesType)
-class _LanesModel(models.PrimitiveModel):
+class _LanesModel(models.PrimitiveModel):  # type: ignore[misc]
     def __init__(self, manager, lanes):
         super().__init__(manager, lanes, _vector(lanes.scalar))
 
