@@ -78,7 +78,7 @@ def _minimum(builder, scalar, a, b):
 
 
 @intrinsic
-def load(_typing, array, offset):  # noqa: ARG001
+def load(_typing, array, offset):
     """32 elements from ``offset`` on."""
     if not (isinstance(array, types.Array) and array.dtype in _ELEMENT):
         return None
@@ -93,7 +93,7 @@ def load(_typing, array, offset):  # noqa: ARG001
 
 
 @intrinsic
-def store(_typing, array, offset, value):  # noqa: ARG001
+def store(_typing, array, offset, value):
     """Write 32 elements from ``offset`` on."""
 
     def generate(context, builder, signature, arguments):
