@@ -58,7 +58,7 @@ class MagcomParameters:
     centre: bool = True
     coarse: int = 2
     kept: int = 30
-    listed: int = 8
+    listed: int = 16
     mapped: float = 0.5
 
 
