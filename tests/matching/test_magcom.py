@@ -203,7 +203,7 @@ def test_the_deadline_is_kept_and_said() -> None:
     problem = replace(a_walk(14, region_sd=10.0).problem, deadline_s=0.02)
     match(problem, rotations=5, scales=5)  # compiled
     began = time.thread_time()
-    result = match(problem, rotations=361, scales=11)
+    result = match(problem, rotations=361, scales=5)
     assert time.thread_time() - began < 0.2
     assert not result.evidence.converged
     assert result.matches
@@ -216,6 +216,13 @@ def test_more_poses_than_can_be_tried_are_refused() -> None:
     huge = replace(problem, region=replace(problem.region, heading_sd=1e9, scale_sd=0.01))  # type: ignore[type-var]
     with pytest.raises(InputError, match="rotations"):
         match(huge, rotations=0)
+
+
+def test_more_map_than_can_be_held_is_refused() -> None:
+    problem = a_walk(15, region_sd=None).problem
+    long = replace(problem.track, x=300.0 * problem.track.x, y=300.0 * problem.track.y)
+    with pytest.raises(InputError, match="track"):
+        match(replace(problem, track=long), rotations=3, mapped=0.1)
 
 
 def test_the_ellipses_hold_the_truth() -> None:

@@ -7,7 +7,9 @@ import os
 import numpy as np
 import pytest
 
-from app.engine.kernels import contour, lanes_contour
+from app.engine.kernels import contour
+from app.engine.kernels.lanes_contour import LANES, ROWS
+from app.engine.kernels.lanes_contour import lattice_difference as difference_in_lanes
 from tests.reference import naive
 
 LATTICES = ["random", "one point", "on nodes", "half way", "constant", "nothing mapped", "large"]
@@ -116,10 +118,10 @@ class TestLattice:
     def test_differences_in_lanes(
         self, rng: np.random.Generator, kind: str, squared: bool, weighted: bool, moved: bool
     ) -> None:
-        one = _Lattice(rng, kind, (2 * lanes_contour.ROWS, 3 * lanes_contour.LANES))
+        one = _Lattice(rng, kind, (2 * ROWS, 3 * LANES))
         total, stride = np.ones(one.shape, dtype=np.float32), one.plane.shape[1]
         near = (one.i + (one.v > 0.5)) * stride + one.j + (one.u > 0.5)
-        lanes_contour.lattice_difference(
+        difference_in_lanes(
             one.plane,
             one.weight if weighted else None,
             one.offset if moved else None,
