@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from app.engine.errors import InputError
-from app.engine.matching import MATCHERS, MatchProblem, MatchResult, Region
+from app.engine.matching import MATCHERS, MatchProblem, MatchResult, Region, read_map
 from app.engine.matching.criteria import Criterion
 from app.engine.matching.magcom import Magcom, MagcomParameters
 from app.engine.matching.placements import PlacementObjective, placed
@@ -30,7 +30,8 @@ def end_error(truth: Truth, result: MatchResult) -> float:
 
 def a_walk(seed: int, features: FeatureSet = FeatureSet.VECTOR, **walk: object) -> Truth:
     rng = np.random.default_rng(seed)
-    return walk_through(field_map(rng, features=features), rng, start=(20.0, 20.0), **walk)  # type: ignore[arg-type]
+    where = {"start": (20.0, 20.0), **walk}
+    return walk_through(field_map(rng, features=features), rng, **where)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("criterion", FINDS_ALONE)
@@ -63,6 +64,38 @@ def test_rotation_and_scale_are_found(features: FeatureSet, rotations: int, scal
     assert end_error(truth, result) < 0.2
     assert result.matches[0].rotation == pytest.approx(0.17, abs=0.01)
     assert result.matches[0].scale == pytest.approx(1.12, abs=0.01)
+
+
+def test_products_find_places_in_anomalies() -> None:
+    """Of a field that varies about zero; the strongest place nearby does not draw the answer from the right one."""
+    rng = np.random.default_rng(17)
+    grid_map = field_map(rng)
+    anomaly = replace(grid_map, mean=grid_map.mean - grid_map.mean.mean(axis=(1, 2), keepdims=True))
+    truth = walk_through(anomaly, rng, start=(20.0, 20.0), n=100, shift=(4.3, -3.1))
+    assert end_error(truth, match(truth.problem, criterion=Criterion.COR)) < 0.05
+
+
+@pytest.mark.parametrize("criterion", [Criterion.CC, Criterion.NPROD])
+def test_vectors_turn_with_the_track_by_any_criterion(criterion: Criterion) -> None:
+    truth = a_walk(18, shift=(2.0, 2.0), rotation=-0.4)
+    region = replace(truth.problem.region, heading_sd=0.2)  # type: ignore[type-var]
+    result = match(replace(truth.problem, region=region), criterion=criterion, rotations=0)
+    assert end_error(truth, result) < 0.2
+    assert result.matches[0].rotation == pytest.approx(-0.4, abs=0.01)
+
+
+def test_a_track_may_be_turned_back_onto_the_map() -> None:
+    """Near the map's right edge, going up; indicated to the right, off the map."""
+    truth = a_walk(19, start=(84.0, 0.0), n=50, turns=0.3)
+    way, heading = truth.problem.track, 0.5 * np.pi
+    x, y = 84.0 - (way.y - way.y[0]), way.x - way.x[0]  # the same walk turned by a right angle
+    values = read_map(truth.problem.grid_map, FeatureSet.VECTOR, x, y).mean
+    profile = replace(truth.problem.profile, values=values).turned(-heading)
+    region = Region(84.0, 0.0, 9.0 * np.eye(2), heading_sd=0.6, scale_sd=0.01)
+    problem = replace(truth.problem, profile=profile, region=region)
+    found = match(problem, rotations=0).matches[0]
+    assert np.hypot(found.x[-1] - x[-1], found.y[-1] - y[-1]) < 0.2
+    assert found.rotation == pytest.approx(heading, abs=0.02)
 
 
 def test_without_a_region_the_whole_map_is_searched() -> None:
