@@ -120,6 +120,8 @@ def test_features_are_reduced_to_what_is_wanted_and_there() -> None:
     truth = walk_through(field_map(rng), rng, start=(20.0, 20.0), shift=(3.0, 1.0))
     assert end_error(truth, match(truth.problem, features=FeatureSet.TOTAL)) < 0.3
     assert match(replace(truth.problem, grid_map=total)).status is not Status.OK
+    fewer = replace(truth.problem, profile=truth.problem.profile.as_features(FeatureSet.HV))  # on a map of vectors
+    assert end_error(truth, match(fewer)) < 0.2
 
 
 @pytest.mark.parametrize(("dx", "dy"), [(100.0, -40.0), (3.7, 8.2)])
