@@ -244,3 +244,15 @@ def bilinear_open(plane, gx, gy):
     top = plane[iy, ix] * (1 - fx) + plane[iy, ix + 1] * fx
     bottom = plane[iy + 1, ix] * (1 - fx) + plane[iy + 1, ix + 1] * fx
     return top * (1 - fy) + bottom * fy
+
+
+def lattice(plane, weight, offset, i, j, v, u, z, shape):
+    """Map, weight and reading of each point at each shift, shift after shift: three arrays (rows, columns, n)."""
+    s, w = np.empty((*shape, len(z))), np.empty((*shape, len(z)))
+    for y, x in np.ndindex(shape):
+        for k in range(len(z)):
+            s[y, x, k] = (
+                bilinear_open(plane.astype(float), j[k] + x + float(u[k]), i[k] + y + float(v[k])) + offset[y, x]
+            )
+            w[y, x, k] = weight[i[k] + y + (v[k] > 0.5), j[k] + x + (u[k] > 0.5)]
+    return s, w, np.broadcast_to(z, s.shape)

@@ -4,22 +4,27 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 
 from app.engine.errors import InputError
 from app.engine.kernels.contour import keep_lowest
+from app.engine.kernels.lanes_contour import ROWS
 from app.engine.matching.criteria import Criterion
 from app.engine.matching.field import features_of
 from app.engine.matching.lattice import LatticeMap
 from app.engine.matching.peaks import local_minima
-from app.engine.matching.placements import placed
+from app.engine.matching.placements import placed, turned_vectors
 from app.engine.matching.problem import MatchProblem, Profile
 from app.engine.types import FeatureSet, Float64Array
 
 _TURN_SD, _SCALE_SD = 0.1, 0.1
 """rad, -: of the track's shape where no region says better."""
-_MOST_POSES = 4001
+_MOST_POSES = 2001
+_MOST_CELLS = 50_000_000
+_BAND = 3e7
+"""Readings compared between two looks at the clock."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,7 +63,7 @@ class MagcomParameters:
     centre: bool = True
     coarse: int = 2
     kept: int = 30
-    listed: int = 8
+    listed: int = 16
     mapped: float = 0.5
 
 
@@ -140,42 +145,67 @@ def _spread(count: int, half: float, step: float) -> Float64Array:
 
 
 def first_search(problem: MatchProblem, profile: Profile, box: Box, p: MagcomParameters, until: float) -> Found:
-    """Lowest places over the lattice of shifts on the coarse map, over all rotations and scales."""
-    grid_map, cell = problem.grid_map, problem.grid_map.cell_m
-    pitch = p.coarse
-    xy, values = thinned(problem.track.xy, profile.values, pitch * cell)
-    shape = tuple(int(np.floor((b - a) / (pitch * cell) + 1e-9)) + 1 for a, b in zip(box.low, box.high, strict=True))
-    columns, rows = shape
-    away = float(np.hypot(*(xy - xy[0]).T).max()) * float(box.scales.max())
-    if len(box.rotations) * len(box.scales) == 1:
-        low, high = xy.min(axis=0) + box.low, xy.max(axis=0) + box.high
-    else:
-        low, high = xy[0] + box.low - away, xy[0] + box.high + away
-    origin = np.array([grid_map.x0, grid_map.y0])
-    low, high = (low - origin) / cell, (high - origin) / cell
-    lattice = LatticeMap.of(
-        features_of(grid_map, profile.features)[0],
-        grid_map.mapped,
-        pitch=pitch,
-        reference=values.mean(axis=0),
-        low=(low[1], low[0]),
-        high=(high[1], high[0]),
-    )
+    """Lowest places over the lattice of shifts on the coarse map, over all rotations and scales.
+
+    Raises
+    ------
+    InputError
+        The track, as it may be turned, reaches over more map than can be held.
+    """
+    grid_map, pitch = problem.grid_map, p.coarse
+    xy, values = thinned(problem.track.xy, profile.values, pitch * grid_map.cell_m)
+    columns, rows = (int(reach / (pitch * grid_map.cell_m) + 1e-9) + 1 for reach in box.high - box.low)
     poses = box.poses
-    lowest, which, tried = np.full((rows, columns), np.inf, dtype=np.float32), np.zeros((rows, columns), np.int64), 0
-    for k, (rotation, scale) in enumerate(poses):
-        x, y = placed(xy, box.low[0], box.low[1], rotation, scale)
-        turned = turned_readings(profile, values, rotation)
-        points = lattice.points((y - grid_map.y0) / cell, (x - grid_map.x0) / cell, turned)
-        cost = lattice.costs(points, (rows, columns), p.criterion, centre=centres(profile, p), mapped=p.mapped)
-        keep_lowest(cost, k, lowest, which)
-        tried += 1
+    x, y = placed(xy, box.low[0], box.low[1], poses[:, :1], poses[:, 1:])
+    column, row = (x - grid_map.x0) / grid_map.cell_m, (y - grid_map.y0) / grid_map.cell_m
+    lattice = _lattice(problem, profile, values, row, column, (rows * pitch, columns * pitch), pitch)
+    turning = profile.features is FeatureSet.VECTOR
+    readings = turned_vectors(values, poses[:, 0]) if turning else np.broadcast_to(values, (len(poses), *values.shape))
+    tracks = lattice.points(row, column, readings)
+    lowest, which = np.full((rows, columns), np.inf, dtype=np.float32), np.zeros((rows, columns), dtype=np.int64)
+    band, evaluated, complete = _band(p.criterion, len(xy), columns), 0, True
+    for k, first in product(range(len(poses)), range(0, rows, band)):
+        shape = (min(band, rows - first), columns)
+        track = tracks[k].moved(first)
+        cost = lattice.costs(track, shape, p.criterion, centre=centres(profile, p), mapped=p.mapped)
+        keep_lowest(cost, k, lowest[first : first + band], which[first : first + band])
+        evaluated += cost.size
         if time.thread_time() > until:
+            complete = evaluated == len(poses) * rows * columns
             break
     at = local_minima(lowest, p.kept)
-    shift = box.low + pitch * cell * at[:, ::-1]
-    placements = np.column_stack([shift, poses[which[at[:, 0], at[:, 1]]]])
-    return Found(placements, tried * rows * columns, tried == len(poses))
+    shift = box.low + pitch * grid_map.cell_m * at[:, ::-1]
+    return Found(np.column_stack([shift, poses[which[at[:, 0], at[:, 1]]]]), evaluated, complete)
+
+
+def _band(criterion: Criterion, n: int, columns: int) -> int:
+    """Rows of shifts between two looks at the clock: some milliseconds of work."""
+    readings = 50 * n * n if criterion is Criterion.HAUSDORFF else n
+    return max(ROWS * int(_BAND // (ROWS * readings * columns)), ROWS)
+
+
+def _lattice(
+    problem: MatchProblem,
+    profile: Profile,
+    values: Float64Array,
+    row: Float64Array,
+    column: Float64Array,
+    shifts: tuple[int, int],
+    pitch: int,
+) -> LatticeMap:
+    """The coarse map under tracks at ``row`` and ``column`` (p, n; cells) and all their shifts."""
+    low = float(row.min()), float(column.min())
+    high = float(row.max()) + shifts[0], float(column.max()) + shifts[1]
+    if (high[0] - low[0]) * (high[1] - low[1]) > _MOST_CELLS:
+        raise InputError("track", f"searched over more than {_MOST_CELLS} cells of the map: cut it, or give a region")
+    return LatticeMap.of(
+        features_of(problem.grid_map, profile.features)[0],
+        problem.grid_map.mapped,
+        pitch=pitch,
+        reference=values.mean(axis=0),
+        low=low,
+        high=high,
+    )
 
 
 def thinned(xy: Float64Array, values: Float64Array, spacing_m: float) -> tuple[Float64Array, Float64Array]:
@@ -187,14 +217,6 @@ def thinned(xy: Float64Array, values: Float64Array, spacing_m: float) -> tuple[F
     starts = np.arange(0, len(xy), group)
     counts = np.diff(np.append(starts, len(xy)))[:, None]
     return np.add.reduceat(xy, starts) / counts, np.add.reduceat(values, starts) / counts
-
-
-def turned_readings(profile: Profile, values: Float64Array, angle: float) -> Float64Array:
-    """Readings (n, channels) of a track that is turned."""
-    if profile.features is not FeatureSet.VECTOR or angle == 0.0:
-        return values
-    c, s = np.cos(angle), np.sin(angle)
-    return np.column_stack([c * values[:, 0] - s * values[:, 1], s * values[:, 0] + c * values[:, 1], values[:, 2]])
 
 
 def centres(profile: Profile, p: MagcomParameters) -> bool:

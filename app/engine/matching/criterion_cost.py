@@ -8,7 +8,7 @@ import numpy as np
 
 from app.engine.matching.criteria import Criterion, as_cost, centred, evaluate
 from app.engine.matching.field import features_of, read_map
-from app.engine.matching.placements import PlacementObjective, placed
+from app.engine.matching.placements import PlacementObjective, placed, turned_vectors
 from app.engine.matching.problem import Profile
 from app.engine.types import FeatureSet, Float64Array, GridMap
 
@@ -63,14 +63,12 @@ class CriterionCost:
 
     def _plainly(self, placements: Float64Array) -> Float64Array:
         one, (n, channels) = self.objective, self.objective.values.shape
-        at = np.stack([np.stack(placed(one.xy, *place)) for place in placements])
-        reading = read_map(one.grid_map, self.features, at[:, 0].ravel(), at[:, 1].ravel())
+        x, y = placed(one.xy, *placements.T[:, :, None])
+        reading = read_map(one.grid_map, self.features, x.ravel(), y.ravel())
         readings, weight = reading.mean.reshape(-1, n, channels), reading.mapped.reshape(-1, n).astype(np.float64)
         measured = one.values[None]
         if one.turning:
-            c, s = np.cos(placements[:, 2, None]), np.sin(placements[:, 2, None])
-            x, y, z = (np.broadcast_to(column, (len(placements), n)) for column in one.values.T)
-            measured = np.stack([c * x - s * y, s * x + c * y, z], axis=2)
+            measured = turned_vectors(one.values, placements[:, 2])
         if one.centred:
             measured = centred(measured, readings, weight)
         cost = as_cost(self.criterion, evaluate(self.criterion, measured, readings, weight))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numba import config
@@ -19,13 +19,31 @@ _CHUNK = 2_000_000
 
 @dataclass(frozen=True, slots=True)
 class LatticePoints:
-    """A track on a lattice: node below each point (n,), fractions beyond it, readings less the reference (n, c)."""
+    """Tracks on a lattice at the first shift.
+
+    Attributes
+    ----------
+    i, j : array, shape (..., n)
+        Row and column of the node below each point.
+    v, u : array, shape (..., n)
+        Fraction of a node's distance beyond it, towards the next row and column.
+    z : array, shape (..., channels, n), uT
+        Readings less the map's reference.
+    """
 
     i: IntArray
     j: IntArray
     v: Float32Array
     u: Float32Array
     z: Float32Array
+
+    def __getitem__(self, k: int) -> LatticePoints:
+        """One of several tracks."""
+        return LatticePoints(self.i[k], self.j[k], self.v[k], self.u[k], self.z[k])
+
+    def moved(self, rows: int) -> LatticePoints:
+        """The same, so many rows of nodes on."""
+        return replace(self, i=self.i + rows) if rows else self
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -89,10 +107,10 @@ class LatticeMap:
         )
 
     def points(self, row: Float64Array, column: Float64Array, values: Float64Array) -> LatticePoints:
-        """A track at the first shift: ``row``, ``column`` (n,), cells of the map; ``values`` (n, channels), uT."""
+        """Tracks at the first shift: ``row``, ``column`` (..., n), cells; ``values`` (..., n, channels), uT."""
         y, x = (row - self.row0) / self.pitch, (column - self.column0) / self.pitch
         i, j = np.floor(y).astype(np.int64), np.floor(x).astype(np.int64)
-        z = (values - self.reference).astype(np.float32)
+        z = np.ascontiguousarray(np.swapaxes(values - self.reference, -1, -2), dtype=np.float32)
         return LatticePoints(i, j, (y - i).astype(np.float32), (x - j).astype(np.float32), z)
 
     def costs(
@@ -123,10 +141,10 @@ class LatticeMap:
         squared, total = criterion not in _ABSOLUTE, np.zeros(weight.shape, dtype=np.float32)
         offset = self._moments(points, weight).offset().astype(np.float32) if centre else None
         for c, plane in enumerate(self.planes):
-            z = np.ascontiguousarray(points.z[:, c])
-            self._add_difference(plane, None if offset is None else offset[c], points, z, squared, total)
-        sums = criterion in (Criterion.AD, Criterion.SD)
-        total *= (len(points.i) if sums else 1.0 / points.z.shape[1]) / np.maximum(weight, np.float32(1e-30))
+            self._add_difference(plane, None if offset is None else offset[c], points, points.z[c], squared, total)
+        channels, n = points.z.shape
+        factor = float(n) if criterion in (Criterion.AD, Criterion.SD) else 1.0 / channels
+        total *= np.float32(factor / n) if self.whole else np.float32(factor) / np.maximum(weight, np.float32(1e-30))
         return total
 
     def _add_difference(
@@ -151,10 +169,9 @@ class LatticeMap:
         lanes_contour.lattice_difference(plane, weight, offset, below, near, v, u, z, squared, total)
 
     def _moments(self, points: LatticePoints, weight: Float32Array) -> Moments:
-        total = np.zeros((points.z.shape[1], 5, *weight.shape), dtype=np.float32)
+        total = np.zeros((points.z.shape[0], 5, *weight.shape), dtype=np.float32)
         for c, plane in enumerate(self.planes):
-            z = np.ascontiguousarray(points.z[:, c])
-            contour.lattice_moments(plane, self.weight, points.i, points.j, points.v, points.u, z, total[c])
+            contour.lattice_moments(plane, self.weight, points.i, points.j, points.v, points.u, points.z[c], total[c])
         s, ss, sz, z, zz = np.moveaxis(total.astype(np.float64), 1, 0)
         return Moments(weight.astype(np.float64), s, ss, sz, z, zz)
 
@@ -162,8 +179,8 @@ class LatticeMap:
         self, points: LatticePoints, shape: tuple[int, int], criterion: Criterion, centre: bool
     ) -> Float32Array:
         """By the criterion's formula, some rows of shifts at a time."""
-        n, channels = points.z.shape
-        measured = points.z.astype(np.float64) + self.reference
+        channels, n = points.z.shape
+        measured = points.z.T.astype(np.float64) + self.reference
         out = np.empty(shape, dtype=np.float32)
         step = max(1, _CHUNK // (shape[1] * n * max(channels, n)))
         for y in range(0, shape[0], step):

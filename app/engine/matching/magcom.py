@@ -24,6 +24,8 @@ from app.engine.matching.problem import MatchProblem, Profile, common_features
 from app.engine.matching.result import Candidate, MatchResult
 from app.engine.types import Float64Array
 
+__all__ = ["ENTRY", "Magcom", "MagcomParameters"]
+
 _DESCENT = 5
 """Iterations from a place of the first search to the bottom of the cost."""
 _DRAWN = (Criterion.COR, Criterion.PROD)

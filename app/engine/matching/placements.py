@@ -93,8 +93,24 @@ class PlacementObjective:
         return Candidate(x, y, cost, rotation, scale)
 
 
-def placed(xy: Float64Array, dx: float, dy: float, rotation: float, scale: float) -> tuple[Float64Array, Float64Array]:
-    """A track of shape (n, 2), turned and stretched about its first point and shifted: x and y, shape (n,)."""
+def placed(
+    xy: Float64Array,
+    dx: Float64Array | float,
+    dy: Float64Array | float,
+    rotation: Float64Array | float,
+    scale: Float64Array | float,
+) -> tuple[Float64Array, Float64Array]:
+    """A track (n, 2), turned and stretched about its first point and shifted: x and y, shape (n,).
+
+    Placements of shape (p, 1) give (p, n).
+    """
     away = xy - xy[0]
     c, s = scale * np.cos(rotation), scale * np.sin(rotation)
     return xy[0, 0] + dx + c * away[:, 0] - s * away[:, 1], xy[0, 1] + dy + s * away[:, 0] + c * away[:, 1]
+
+
+def turned_vectors(values: Float64Array, rotations: Float64Array) -> Float64Array:
+    """Vectors (n, 3) turned counter-clockwise about the vertical by each rotation (p,), rad; shape (p, n, 3)."""
+    c, s = np.cos(rotations)[:, None], np.sin(rotations)[:, None]
+    x, y, z = values.T
+    return np.stack([c * x - s * y, s * x + c * y, np.broadcast_to(z, (len(rotations), len(z)))], axis=2)
