@@ -11,12 +11,36 @@ from app.engine.types import Progress
 from app.evaluation.errors import OptionsError
 from app.evaluation.kernels.cold import cold_start
 from app.evaluation.kernels.contour import magcom_mad, magcom_pose
+from app.evaluation.kernels.dtw import Timed, dtw_f32, dtw_itakura_3d, dtw_u16, subsequence_dtw
 from app.evaluation.kernels.filtering import particle_step
 from app.evaluation.kernels.mapping import map_build
-from app.evaluation.kernels.runner import Comparison, Row, compare
+from app.evaluation.kernels.runner import Comparison, Row, Units, compare
 
 Task = Callable[[np.random.Generator], Comparison]
+_NO_PEER = "dtaidistance is not installed: pip install 'isodyn[bench]'"
+
+
+def _warping(timed: Callable[[np.random.Generator], Timed], what: str, peer: str) -> Task:
+    """A task of warping, which does the same number of windows or searches as its peer."""
+
+    def task(rng: np.random.Generator) -> Comparison:
+        ours, theirs, units = timed(rng)
+        return Comparison(ours, theirs, Units(what, peer, units, units, "" if theirs else _NO_PEER))
+
+    return task
+
+
 TASKS: tuple[tuple[str, Task], ...] = (
+    ("dtw_f32", _warping(dtw_f32, "a window of 120, float32", "dtaidistance distance_matrix_fast")),
+    ("dtw_u16", _warping(dtw_u16, "a window of 120, uint16", "dtaidistance distance_matrix_fast")),
+    (
+        "dtw_itakura_3d",
+        _warping(dtw_itakura_3d, "a window of 120, three channels", "dtaidistance dtw_ndim.distance_fast, no Itakura"),
+    ),
+    (
+        "subsequence_dtw",
+        _warping(subsequence_dtw, "a search of 100,000 points with the path", "dtaidistance subsequence_alignment"),
+    ),
     ("magcom_mad", magcom_mad),
     ("magcom_pose", magcom_pose),
     ("particle_step", particle_step),
