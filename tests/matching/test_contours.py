@@ -63,7 +63,9 @@ def test_a_translated_map_has_translated_contours(grid_map: GridMap) -> None:
     here, there = (ContourMap.of(one, FeatureSet.HV) for one in (grid_map, moved))
     tolerance = np.array([0.4, 0.4])
     values = np.array([31.0, -42.0])
-    np.testing.assert_allclose(here.band(values, tolerance) + (7.0, -3.0), there.band(values, tolerance), atol=1e-9)
+    np.testing.assert_allclose(
+        here.band(values, tolerance) + np.array([7.0, -3.0]), there.band(values, tolerance), atol=1e-9
+    )
 
 
 def test_no_contours_on_unmapped_ground_nor_in_a_constant_field(grid_map: GridMap) -> None:

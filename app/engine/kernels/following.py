@@ -69,6 +69,13 @@ def place(start, state, away):
 
 
 @njit(cache=True, nogil=True, fastmath=False, error_model="numpy")
+def places(start, states, away, out):
+    """Where states put the points of the track, shape (n, 2); ``states`` and ``away`` a row a point."""
+    for k in range(away.shape[0]):
+        out[k, 0], out[k, 1] = place(start, states[k], away[k])
+
+
+@njit(cache=True, nogil=True, fastmath=False, error_model="numpy")
 def sought(state, values, facing, turning, w):
     """Values whose contours a state says the point lies on: turned with the track, less the sensor's offset."""
     for c in range(values.shape[0]):
@@ -97,7 +104,7 @@ def measurement_row(c, gx, gy, state, away, facing, turning, w, H):
 
 
 @njit(cache=True, nogil=True, fastmath=False, error_model="numpy")
-def update(m, P, H, K, e, s):
+def update(m, P, K, e, s):
     """Kalman update by a scalar measurement whose gain times ``s`` is in ``K``, which becomes the gain."""
     n = m.shape[0]
     for i in range(n):
@@ -192,7 +199,7 @@ def follow(planes, variances, away, dt, values, facing, turning, start, m0, P0, 
             if found and e * e <= gate * gate * s:
                 used += 1
                 E[k, c] = e / s
-                update(m, P, H, K, e, s)
+                update(m, P, K, e, s)
             else:
                 H[:] = 0.0
                 K[:] = 0.0

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from app.engine.kernels.contours import FOUND, nearest_points
 from app.engine.matching.field import features_of
 from app.engine.types import BoolArray, FeatureSet, Float32Array, Float64Array, GridMap
+
+Box = tuple[float, float, float, float]
+"""x_min, y_min, x_max, y_max, m, level frame."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,8 +56,9 @@ class ContourMap:
     sd: Float32Array
 
     @classmethod
-    def of(cls, grid_map: GridMap, features: FeatureSet) -> ContourMap:
-        """Of a map, in features that it has or that need less."""
+    def of(cls, grid_map: GridMap, features: FeatureSet, box: Box | None = None) -> ContourMap:
+        """Of a map, or of its part that holds a box, in features that it has or that need less."""
+        grid_map = grid_map if box is None else part_of(grid_map, box)
         mean, sd = features_of(grid_map, features)
         planes = np.where(grid_map.mapped[None], mean, np.float32(np.nan))
         return cls(grid_map, features, np.ascontiguousarray(planes), np.ascontiguousarray(sd))
@@ -108,7 +112,7 @@ class ContourMap:
                 away = np.abs(self.planes[:, row, column] - values[:, None])
             away[channel] = 0.0  # on its contour
             found.append(points[np.all(away <= tolerance[:, None] + slack[:, row, column], axis=0)])
-        return self.metres(np.unique(np.concatenate(found), axis=0))
+        return self.metres(np.concatenate(found))
 
     def _steepness(self) -> Float64Array:
         """Change over a cell along the gradient, shape (channels, rows, columns), uT; nothing beside unmapped nodes."""
@@ -121,6 +125,27 @@ class ContourMap:
                 change += np.nan_to_num(np.gradient(self.planes, axis=1)) ** 2
         steepness: Float64Array = np.sqrt(change)
         return steepness
+
+
+def part_of(grid_map: GridMap, box: Box) -> GridMap:
+    """The smallest part of a map that holds a box; one node at least."""
+    rows, columns = grid_map.shape
+    spans = []
+    for low, high, origin, nodes in ((box[0], box[2], grid_map.x0, columns), (box[1], box[3], grid_map.y0, rows)):
+        first = min(max(int(np.floor((low - origin) / grid_map.cell_m)), 0), nodes - 1)
+        spans.append((first, max(min(int(np.ceil((high - origin) / grid_map.cell_m)), nodes - 1), first) + 1))
+    (left, right), (bottom, top) = spans
+    nodes_of = np.s_[bottom:top, left:right]
+    return replace(
+        grid_map,
+        x0=grid_map.x0 + left * grid_map.cell_m,
+        y0=grid_map.y0 + bottom * grid_map.cell_m,
+        mean=grid_map.mean[:, *nodes_of],
+        sd=grid_map.sd[:, *nodes_of],
+        support=grid_map.support[nodes_of],
+        obstacle=None,
+        radio=None,
+    )
 
 
 def edge_crossings(plane: Float32Array, value: float) -> Float64Array:
