@@ -213,7 +213,7 @@ class _Follower:
         channels = len(self.profile.noise_sd)
         m0 = np.zeros(ORDER + channels)
         m0[6], m0[7] = start[2], start[3] - 1.0
-        # contours are local: with an offset of many contours' spacing, the first ones met would be those of other places
+        # contours are local: with an offset of many of their spacings, the first ones met are those of other places
         m0[ORDER:], offset_sd = sensor_offset(self.problem, self.profile, start)
         drift = np.repeat([self.drift.rate, self.drift.acceleration], 2) / cell**2
         P0 = np.diag(np.concatenate([[0.0, 0.0], drift, [turn_sd**2, scale_sd**2], offset_sd**2]))

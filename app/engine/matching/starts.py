@@ -96,7 +96,8 @@ def turns(problem: MatchProblem) -> Float64Array:
     if half <= 0:
         return np.zeros(1)
     angles = np.linspace(-2.0 * sd, 2.0 * sd, 2 * half + 1)
-    return angles[np.argsort(np.abs(angles), kind="stable")]
+    ordered: Float64Array = angles[np.argsort(np.abs(angles), kind="stable")]
+    return ordered
 
 
 def lattice(problem: MatchProblem, step_m: float, sigmas: float = 3.0) -> Float64Array:
