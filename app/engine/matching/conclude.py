@@ -226,7 +226,9 @@ def _turned(vectors: Float64Array, angle: Float64Array) -> Float64Array:
 def _log_likelihood(region: Region | None, fit: Fit, share: float, inflation: float) -> float:
     """Of the readings and of what was known before, up to a constant."""
     return -0.5 * (
-        share * (fit.chi2 / inflation + fit.log_variance) + fit.offset_chi2 + _prior_chi2(region, fit.candidate)
+        share * ((fit.chi2 + fit.candidate.bending) / inflation + fit.log_variance)
+        + fit.offset_chi2
+        + _prior_chi2(region, fit.candidate)
     )
 
 

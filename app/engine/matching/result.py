@@ -25,6 +25,8 @@ class Candidate:
         By which it stretched the track.
     cov : array, shape (2, 2), m^2, or None
         Of the last point, where the search knows it better than the shape of the map tells.
+    bending : float
+        Chi-square of the errors of motion that a track which was bent into place takes to be so; 0 for a rigid one.
     """
 
     x: Float64Array
@@ -33,6 +35,7 @@ class Candidate:
     rotation: float = 0.0
     scale: float = 1.0
     cov: Float64Array | None = None
+    bending: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
