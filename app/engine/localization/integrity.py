@@ -28,7 +28,10 @@ class IntegrityPolicy:
         Applied to the particles' covariance so that the 95 % ellipse holds what it claims.
     searched_scale : float
         Further factor while the place is searched with more than the field, and for a place just found: the search's
-        likelihood is sharper than readings are.
+        likelihood is sharper than readings are, and what radio maps err by is alike for many transmitters.
+    found_scale : float
+        Further factor for a track from a place that was found: of all places it was the one that fitted best, and a
+        place some metres beside the right one keeps fitting.
     credit_bias, credit_slope : float
         Log odds of a place being right: this and so many times the log odds of its share of a search's belief.
     handover_m : float, m
@@ -41,7 +44,7 @@ class IntegrityPolicy:
     insufficient_m : float
         Above this nothing is claimed.
     sure_m : float
-        Major semi-axis (one sigma) up to which a fix is sure.
+        Major semi-axis (one sigma, with ``found_scale`` where that is claimed) up to which a fix is sure.
     off_map_share : float
         Below this share of particles on mapped ground (smoothed over ``memory_m``) the position rests on motion alone.
     disturbed_share : float
@@ -67,7 +70,8 @@ class IntegrityPolicy:
 
     covariance_scale: float = 1.1
     covariance_floor: float = 0.3
-    searched_scale: float = 4.0
+    searched_scale: float = 10.0
+    found_scale: float = 3.0
     credit_bias: float = -1.2
     credit_slope: float = 0.53
     handover_m: float = 1.5
@@ -106,6 +110,10 @@ class Integrity:
         Whether the newest steps fit better elsewhere (see :mod:`app.engine.localization.lost`).
     borne_out : bool
         Whether newest steps have been found to fit better here than elsewhere. Until then a prior is all there is.
+    found : bool
+        Whether the place was found by a search, not told by a prior.
+    fits : bool
+        Whether the newest steps are explained well enough for the track not to be suspected (see ``Watch``).
     """
 
     walked_m: float = 0.0
@@ -114,6 +122,8 @@ class Integrity:
     disturbed: float = 0.0
     doubted: bool = False
     borne_out: bool = False
+    found: bool = False
+    fits: bool = True
 
     def away(self) -> Integrity:
         """On another level than the map's."""
@@ -165,7 +175,8 @@ def spread(estimate: Estimate | Mode) -> float:
 def judge(estimate: Estimate, integrity: Integrity, policy: IntegrityPolicy) -> Verdict:
     """Status, quality and sureness of an estimate."""
     sigma = spread(estimate)
-    quality = float(1.0 / (1.0 + (sigma / 3.0) ** 2))
+    claimed = sigma * np.sqrt(found_scale(integrity, policy))
+    quality = float(1.0 / (1.0 + (claimed / 3.0) ** 2))
     if sigma > policy.insufficient_m or not integrity.settled:
         return Verdict(Status.INSUFFICIENT, quality, sure=False, walk_on_m=max(sigma, WALK_ON_M))
     if integrity.mapped < policy.off_map_share:
@@ -174,7 +185,14 @@ def judge(estimate: Estimate, integrity: Integrity, policy: IntegrityPolicy) -> 
         return Verdict(Status.DISTURBED, quality * 0.5, sure=False, walk_on_m=None)
     if integrity.doubted:
         return Verdict(Status.AMBIGUOUS, quality * 0.5, sure=False, walk_on_m=max(sigma, WALK_ON_M))
-    return Verdict(Status.OK, quality, sigma <= policy.sure_m and integrity.borne_out, walk_on_m=None)
+    sure = bool(claimed <= policy.sure_m) and integrity.borne_out
+    # a place that was found beside the right one shows by its fit long before anything fits better
+    return Verdict(Status.OK, quality, sure and (integrity.fits or not integrity.found), walk_on_m=None)
+
+
+def found_scale(integrity: Integrity, policy: IntegrityPolicy) -> float:
+    """Factor of the covariance for how the place came to be known."""
+    return policy.found_scale if integrity.found else 1.0
 
 
 def tell(
@@ -188,7 +206,7 @@ def tell(
 ) -> Fix:
     """Fix of a step at ``t`` while the place is known; ``estimate`` and ``integrity`` are the step's."""
     widen = {FixKind.FILTERED: 1.0, FixKind.FIXED_LAG: policy.lagged_scale, FixKind.SMOOTHED: policy.smoothed_scale}
-    covariance = calibrate(estimate, policy, widen=widen[kind])
+    covariance = calibrate(estimate, policy, widen=widen[kind] * found_scale(integrity, policy))
     verdict = judge(estimate, integrity, policy)
     return _fix(t, level_id, estimate, covariance, verdict, heading=estimate.heading, kind=kind)
 
@@ -254,7 +272,7 @@ def search_fix(
         verdict = Verdict(
             Status.OK,
             first.weight / (1.0 + (sigma / 3.0) ** 2),
-            sure=sigma <= policy.sure_m and not belief.level_open,
+            sure=False,  # the places that it beat are those that it could think of: the steps that follow decide
             walk_on_m=None,
         )
         covariance = calibrate(first, policy, policy.searched_scale)

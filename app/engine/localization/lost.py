@@ -104,6 +104,11 @@ class Watch:
         self._misfit = track.trail.misfit
         self._places: list[tuple[float, float, float, float]] = []
 
+    @property
+    def fits(self) -> bool:
+        """Whether the track explains the newest steps well enough not to be checked."""
+        return self._misfit <= self._policy.misfit
+
     def before(self, estimate: Estimate) -> None:
         """Take the estimate from which a step is about to be made."""
         self._places.append((estimate.x, estimate.y, spread(estimate), estimate.mapped))
