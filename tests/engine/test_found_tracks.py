@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from app.engine.filtering import Cloud, Estimate, ParticleNoise, prepare_grid
+from app.engine.filtering import Estimate
 from app.engine.localization.integrity import Integrity, IntegrityPolicy, judge, tell
-from app.engine.localization.lost import LostPolicy, Watch
+from app.engine.localization.lost import LostPolicy
 from app.engine.localization.particle import ParticleTracker
-from app.engine.localization.session import SessionState, Track, estimate_of
+from app.engine.localization.session import SessionState
 from app.engine.localization.smoothing import smooth_session
-from app.engine.types import FeatureSet, Fix, FixKind, GridMap, Prior, Segment, Status
+from app.engine.types import Fix, FixKind, GridMap, Prior, Segment, Status
 from tests.engine.conftest import OneMap
 from tests.support.walks import SimulatedWalk, cut
 
@@ -43,29 +43,21 @@ def test_sure_goes_by_the_width_that_is_claimed() -> None:
     assert judge(at(0.99 * POLICY.sure_m), TOLD, POLICY).sure
 
 
-def test_a_found_track_that_fits_badly_is_not_sure() -> None:
-    assert not judge(at(0.5), replace(FOUND, fits=False), POLICY).sure
-    assert judge(at(0.5), replace(FOUND, fits=False), POLICY).status is Status.OK
-    assert judge(at(0.5), replace(TOLD, fits=False), POLICY).sure
+def test_the_worse_it_fits_the_less_is_claimed() -> None:
+    misfits = (-0.5, 0.0, POLICY.found_misfit, 2.0 * POLICY.found_misfit)
+    wide = [tell(0.0, "sim", at(1.2), replace(FOUND, misfit=misfit), POLICY) for misfit in misfits]
+    ratio = [(fix.cov_xx - POLICY.covariance_floor) / (wide[1].cov_xx - POLICY.covariance_floor) for fix in wide]
+    assert ratio == pytest.approx([1.0, 1.0, 2.0, 5.0])
+    assert [fix.sure for fix in wide] == [True, True, False, False]
+    assert all(fix.status is Status.OK for fix in wide)
+    told = tell(0.0, "sim", at(1.2), replace(TOLD, misfit=misfits[-1]), POLICY)
+    assert told == tell(0.0, "sim", at(1.2), TOLD, POLICY)
 
 
-def test_it_fits_until_the_misfit_makes_it_suspect(field_map: GridMap) -> None:
-    grid = prepare_grid(field_map, FeatureSet.VECTOR)
-    cloud = Cloud.empty(3)
-    track = Track("sim", FeatureSet.VECTOR, 0.0, cloud, estimate_of(cloud, grid), FOUND)
-    policy = LostPolicy()
-    watched = Watch(track, grid, ParticleNoise(), policy)
-    assert watched.fits
-    watched.heard(0.9 * policy.misfit / policy.radio)
-    assert watched.fits
-    watched.heard(0.2 * policy.misfit / policy.radio)
-    assert not watched.fits
-
-
-def searched(walk: SimulatedWalk, grid_map: GridMap, lost: LostPolicy | None = None) -> tuple[list[Fix], SessionState]:
-    """A walk from an unknown start on the level."""
-    tracker, session, fixes = ParticleTracker(lost=lost), SessionState(Prior("sim"), 1), list[Fix]()
-    for samples in cut(walk.samples, seconds=5.0):
+def searched(walk: SimulatedWalk, grid_map: GridMap, n: int | None = None) -> tuple[list[Fix], SessionState]:
+    """A walk from an unknown start on the level, or its first ``n`` segments."""
+    tracker, session, fixes = ParticleTracker(), SessionState(Prior("sim"), 1), list[Fix]()
+    for samples in cut(walk.samples, seconds=5.0)[:n]:
         fixes += [fix for fix, _ in tracker.walk(session, Segment(samples), OneMap(grid_map))]
     return fixes, session
 
@@ -90,14 +82,22 @@ def test_a_track_that_was_told_its_start_is_not_found(walk: SimulatedWalk, field
     assert not session.track.integrity.found
 
 
-def test_the_steps_of_a_found_track_tell_whether_it_fits(walk: SimulatedWalk, field_map: GridMap) -> None:
-    """With a threshold that every step exceeds nothing is sure; checks find nothing, so the track goes on."""
-    strict = LostPolicy(misfit=-10.0, lost=1e9, doubted=1e9)
-    fixes, session = searched(walk, field_map, strict)
-    assert session.track is not None
-    assert not session.track.integrity.fits
-    assert not any(fix.sure for fix in fixes)
-    assert any(fix.status is Status.OK for fix in fixes)
+def test_a_found_track_knows_how_well_its_newest_steps_fit(walk: SimulatedWalk, field_map: GridMap) -> None:
+    """What the watch over lost tracks measures is what the next fix goes by: with another field the walk fits badly."""
+    noisy = replace(
+        field_map,
+        mean=field_map.mean + np.float32(6.0) * np.sin(0.9 * np.arange(field_map.shape[1])).astype(np.float32),
+    )
+    misfits = []
+    for grid_map in (field_map, noisy):
+        tracker, (_, session) = ParticleTracker(lost=LostPolicy(lost=1e9, doubted=1e9)), searched(walk, field_map, 10)
+        for samples in cut(walk.samples, seconds=5.0)[10:]:
+            for _ in tracker.walk(session, Segment(samples), OneMap(grid_map)):
+                pass
+        assert session.track is not None
+        assert session.track.integrity.misfit == session.track.trail.misfit
+        misfits.append(session.track.integrity.misfit)
+    assert misfits[1] > misfits[0] + 0.1
 
 
 def test_smoothed_fixes_of_a_found_track_are_wider_too(walk: SimulatedWalk, field_map: GridMap) -> None:

@@ -105,9 +105,9 @@ class Watch:
         self._places: list[tuple[float, float, float, float]] = []
 
     @property
-    def fits(self) -> bool:
-        """Whether the track explains the newest steps well enough not to be checked."""
-        return self._misfit <= self._policy.misfit
+    def misfit(self) -> float:
+        """By how much readings are less likely than a good fit makes them, smoothed, nats per step."""
+        return self._misfit
 
     def before(self, estimate: Estimate) -> None:
         """Take the estimate from which a step is about to be made."""

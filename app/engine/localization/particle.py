@@ -205,14 +205,14 @@ class ParticleTracker:
             watched.before(track.estimate)
             moved = self._advance(track, grid, events, i, rng)
             watched.after(track.estimate, events, i)
-            track.integrity = replace(track.integrity, fits=watched.fits)
+            track.integrity = replace(track.integrity, misfit=watched.misfit)
             if away:
                 track.integrity = track.integrity.away()
             yield self._fix(track, float(events.t[i])), moved
         counted = [watched.heard(weigh_by(track, evaluator, sighting)) for sighting in waiting]
         if any(counted):
             track.estimate = estimate_of(track.cloud, grid)
-            track.integrity = replace(track.integrity, fits=watched.fits)
+            track.integrity = replace(track.integrity, misfit=watched.misfit)
         session.aids = replace(session.aids, radio=replace(evaluator.memory, last_t=session.aids.radio.last_t))
         if away:
             track.integrity = track.integrity.away()
