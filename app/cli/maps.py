@@ -44,6 +44,10 @@ def build(
     ] = Features.VECTOR,
     cell: Annotated[float, typer.Option(help="Grid spacing, metres.")] = 0.5,
     mapped: Annotated[float, typer.Option(help="A node this near to a survey sample counts as mapped, metres.")] = 1.5,
+    align: Annotated[
+        bool,
+        typer.Option(help="Align walks with one another; not for calibrated devices along lines that hardly cross."),
+    ] = True,
     survey: Annotated[list[str] | None, typer.Option(help="Only from these surveys; may be repeated.")] = None,
     url: Url = DEFAULT_URL,
     key: Key = None,
@@ -60,6 +64,7 @@ def build(
             features=features.value,
             cell_m=cell,
             mapped_m=mapped,
+            align=align,
             timeout=3600.0,
             progress=lambda job: bars.update(bar, completed=job.progress, text=job.progress_text),
         )

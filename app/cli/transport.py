@@ -137,6 +137,7 @@ def build_map(client: Client, level_id: str, settings: MapBuildSettings, progres
         features=settings.features.value,
         cell_m=settings.cell_m,
         mapped_m=settings.mapped_m,
+        align=settings.align,
         timeout=BUILD_TIMEOUT_S,
         progress=lambda job: progress(job.progress, job.progress_text),
     )

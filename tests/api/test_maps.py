@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from app.engine.types import FeatureSet
+from app.engine.types import FeatureSet, MapBuildSettings
 from app.services.records import Scope
 from tests.api.harness import Api
 from tests.support.builders import grid_map
@@ -54,6 +54,19 @@ def test_settings_reach_the_build(api: Api) -> None:
     info = api.ok("GET", f"/v1/maps/{level.current_map_id}")
     assert info["features"] == "hv"
     assert len(info["noise_sd"]) == 2
+
+
+@pytest.mark.parametrize(("sent", "align"), [({}, True), ({"align": True}, True), ({"align": False}, False)])
+def test_walks_are_aligned_unless_told_not_to(api: Api, sent: dict[str, bool], align: bool) -> None:
+    level = api.surveyed_level()
+    job = api.post("/v1/maps", json={"level_id": level.id, **sent}).json()
+    with api.database() as uow:
+        assert uow.maps.get_build(job["id"]).settings == MapBuildSettings(align=align)
+
+
+def test_align_is_a_boolean(api: Api) -> None:
+    refused = api.post("/v1/maps", json={"level_id": api.surveyed_level().id, "align": "no"})
+    assert (refused.status_code, refused.json()["errors"][0]["field"]) == (422, "align")
 
 
 def test_surveys_can_be_chosen(api: Api) -> None:

@@ -178,8 +178,8 @@ class TestStream:
         assert [step.t for step in open_steps] == [
             fix.t for fix in steps(given) if fix.t > given[-1].fixes[-1].t - LAG_S
         ]
-        flags = [(s.integrity.settled, s.integrity.doubted, s.integrity.borne_out) for s in open_steps]
-        assert all(isinstance(flag, bool) for step in flags for flag in step)
+        names = ("settled", "doubted", "borne_out", "found")
+        assert all(isinstance(getattr(s.integrity, name), bool) for s in open_steps for name in names)
         # a particle's line at a step: two int16
         assert {(step.lines.shape, step.lines.dtype.str) for step in open_steps} == {((2000, 2), "<i2")}
 

@@ -361,7 +361,7 @@ def test_versions_share_a_radio_layer(database: Database) -> None:
 
 
 def test_builds_keep_their_request(database: Database) -> None:
-    settings = MapBuildSettings(FeatureSet.TOTAL, 0.25, 2.0, (0.0, 1.0, 2.0, 3.5))
+    settings = MapBuildSettings(FeatureSet.TOTAL, 0.25, 2.0, (0.0, 1.0, 2.0, 3.5), align=False)
     for i, build in enumerate((NewBuild("lvl_1"), NewBuild("lvl_1", settings, ("srv_1", "srv_2")))):
         if i == 0:
             write(database, add_level)

@@ -79,6 +79,14 @@ class MapIn(In):
     mapped_m: Annotated[
         Number, Field(ge=0.1, le=20, description="A node with a survey sample this near counts as mapped.")
     ] = _DEFAULTS.mapped_m
+    align: Annotated[
+        bool,
+        Field(
+            strict=True,
+            description="Estimate each walk's hard iron, carrying angle and label errors against the other walks. Not "
+            "for calibrated devices along lines that hardly cross: there what differs between walks is the field.",
+        ),
+    ] = _DEFAULTS.align
 
 
 class WalkReportOut(Out):

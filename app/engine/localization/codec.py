@@ -20,7 +20,7 @@ from app.engine.inertial.pressure import Barometer
 from app.engine.inertial.wheels import Odometer
 from app.engine.types import DeviceCalibration, PressureReadings, Prior, SpeedReadings, StepCounts
 
-VERSION = 5
+VERSION = 6
 _SOFT_IRON = ("soft_iron", "soft_iron_sd")
 """Calibrations stored before soft iron was learned are without: nothing is known of it."""
 

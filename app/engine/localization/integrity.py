@@ -28,7 +28,12 @@ class IntegrityPolicy:
         Applied to the particles' covariance so that the 95 % ellipse holds what it claims.
     searched_scale : float
         Further factor while the place is searched with more than the field, and for a place just found: the search's
-        likelihood is sharper than readings are.
+        likelihood is sharper than readings are, and what radio maps err by is alike for many transmitters.
+    found_scale : float
+        Further factor for a track from a place that was found: of all places it was the one that fitted best, and a
+        place some metres beside the right one goes on fitting.
+    found_misfit : float, nats per step
+        Misfit at which that factor has doubled; it grows with the square.
     credit_bias, credit_slope : float
         Log odds of a place being right: this and so many times the log odds of its share of a search's belief.
     handover_m : float, m
@@ -41,7 +46,7 @@ class IntegrityPolicy:
     insufficient_m : float
         Above this nothing is claimed.
     sure_m : float
-        Major semi-axis (one sigma) up to which a fix is sure.
+        Major semi-axis (one sigma, widened by how the place was found) up to which a fix is sure.
     off_map_share : float
         Below this share of particles on mapped ground (smoothed over ``memory_m``) the position rests on motion alone.
     disturbed_share : float
@@ -67,7 +72,9 @@ class IntegrityPolicy:
 
     covariance_scale: float = 1.1
     covariance_floor: float = 0.3
-    searched_scale: float = 4.0
+    searched_scale: float = 10.0
+    found_scale: float = 2.0
+    found_misfit: float = 0.3
     credit_bias: float = -1.2
     credit_slope: float = 0.53
     handover_m: float = 1.5
@@ -106,6 +113,10 @@ class Integrity:
         Whether the newest steps fit better elsewhere (see :mod:`app.engine.localization.lost`).
     borne_out : bool
         Whether newest steps have been found to fit better here than elsewhere. Until then a prior is all there is.
+    found : bool
+        Whether the place was found by a search, not told by a prior.
+    misfit : float, nats per step
+        How badly the newest steps are explained (see :mod:`app.engine.localization.lost`).
     """
 
     walked_m: float = 0.0
@@ -114,6 +125,8 @@ class Integrity:
     disturbed: float = 0.0
     doubted: bool = False
     borne_out: bool = False
+    found: bool = False
+    misfit: float = 0.0
 
     def away(self) -> Integrity:
         """On another level than the map's."""
@@ -165,7 +178,8 @@ def spread(estimate: Estimate | Mode) -> float:
 def judge(estimate: Estimate, integrity: Integrity, policy: IntegrityPolicy) -> Verdict:
     """Status, quality and sureness of an estimate."""
     sigma = spread(estimate)
-    quality = float(1.0 / (1.0 + (sigma / 3.0) ** 2))
+    claimed = sigma * np.sqrt(_widening(integrity, policy))
+    quality = float(1.0 / (1.0 + (claimed / 3.0) ** 2))
     if sigma > policy.insufficient_m or not integrity.settled:
         return Verdict(Status.INSUFFICIENT, quality, sure=False, walk_on_m=max(sigma, WALK_ON_M))
     if integrity.mapped < policy.off_map_share:
@@ -174,7 +188,16 @@ def judge(estimate: Estimate, integrity: Integrity, policy: IntegrityPolicy) -> 
         return Verdict(Status.DISTURBED, quality * 0.5, sure=False, walk_on_m=None)
     if integrity.doubted:
         return Verdict(Status.AMBIGUOUS, quality * 0.5, sure=False, walk_on_m=max(sigma, WALK_ON_M))
-    return Verdict(Status.OK, quality, sigma <= policy.sure_m and integrity.borne_out, walk_on_m=None)
+    return Verdict(Status.OK, quality, bool(claimed <= policy.sure_m) and integrity.borne_out, walk_on_m=None)
+
+
+def _widening(integrity: Integrity, policy: IntegrityPolicy) -> float:
+    """Factor of the covariance for how the place came to be known.
+
+    A track that began beside the right place shows it by its fit, long before another place fits better.
+    """
+    misfit = max(integrity.misfit, 0.0) / policy.found_misfit
+    return policy.found_scale * (1.0 + misfit**2) if integrity.found else 1.0
 
 
 def tell(
@@ -188,7 +211,7 @@ def tell(
 ) -> Fix:
     """Fix of a step at ``t`` while the place is known; ``estimate`` and ``integrity`` are the step's."""
     widen = {FixKind.FILTERED: 1.0, FixKind.FIXED_LAG: policy.lagged_scale, FixKind.SMOOTHED: policy.smoothed_scale}
-    covariance = calibrate(estimate, policy, widen=widen[kind])
+    covariance = calibrate(estimate, policy, widen=widen[kind] * _widening(integrity, policy))
     verdict = judge(estimate, integrity, policy)
     return _fix(t, level_id, estimate, covariance, verdict, heading=estimate.heading, kind=kind)
 
@@ -254,7 +277,7 @@ def search_fix(
         verdict = Verdict(
             Status.OK,
             first.weight / (1.0 + (sigma / 3.0) ** 2),
-            sure=sigma <= policy.sure_m and not belief.level_open,
+            sure=False,  # the places that it beat are those that it could think of: the steps that follow decide
             walk_on_m=None,
         )
         covariance = calibrate(first, policy, policy.searched_scale)

@@ -79,7 +79,7 @@ def steps_from(values: Mapping[str, Any]) -> tuple[OpenStep, ...]:
 
 
 _INTEGRITY = tuple(f.name for f in fields(Integrity))
-_FLAGS = ("settled", "doubted", "borne_out")
+_FLAGS = ("settled", "doubted", "borne_out", "found")
 
 
 def _integrity(then: Sequence[float]) -> Integrity:

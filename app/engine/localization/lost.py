@@ -104,6 +104,11 @@ class Watch:
         self._misfit = track.trail.misfit
         self._places: list[tuple[float, float, float, float]] = []
 
+    @property
+    def misfit(self) -> float:
+        """By how much readings are less likely than a good fit makes them, smoothed, nats per step."""
+        return self._misfit
+
     def before(self, estimate: Estimate) -> None:
         """Take the estimate from which a step is about to be made."""
         self._places.append((estimate.x, estimate.y, spread(estimate), estimate.mapped))

@@ -205,12 +205,14 @@ class ParticleTracker:
             watched.before(track.estimate)
             moved = self._advance(track, grid, events, i, rng)
             watched.after(track.estimate, events, i)
+            track.integrity = replace(track.integrity, misfit=watched.misfit)
             if away:
                 track.integrity = track.integrity.away()
             yield self._fix(track, float(events.t[i])), moved
         counted = [watched.heard(weigh_by(track, evaluator, sighting)) for sighting in waiting]
         if any(counted):
             track.estimate = estimate_of(track.cloud, grid)
+            track.integrity = replace(track.integrity, misfit=watched.misfit)
         session.aids = replace(session.aids, radio=replace(evaluator.memory, last_t=session.aids.radio.last_t))
         if away:
             track.integrity = track.integrity.away()
@@ -356,7 +358,7 @@ class ParticleTracker:
         def track(heading: float, cloud: Cloud, estimate: Estimate, integrity: Integrity) -> Track:
             return Track(found.level_id, grid.features, heading, cloud, estimate, integrity, soft_iron=iron)
 
-        integrity = Integrity(settled=True, borne_out=not found.beliefs[-1].level_open)
+        integrity = Integrity(settled=True, borne_out=not found.beliefs[-1].level_open, found=True)
         now = replace(integrity, walked_m=walked)
         session.track, session.quest = track(float(headings[-1]), cloud, found.beliefs[-1].estimate, now), None
         if quest.whole:

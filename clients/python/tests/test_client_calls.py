@@ -406,6 +406,12 @@ def test_building_a_map_waits_and_tells_how_far_it_is(service: FakeService, clie
     assert len(service.pauses) == 1
 
 
+def test_walks_are_taken_as_they_are_on_request(service: FakeService, client: Client) -> None:
+    service.will(ok(job("queued"), 202))
+    client.request_map("lev_1", align=False)
+    assert json.loads(service.bodies[0]) == {"level_id": "lev_1", "align": False}
+
+
 def test_a_failed_job_is_an_error_with_the_job(service: FakeService, client: Client) -> None:
     service.will(ok(job("failed", error="too few samples")))
     with pytest.raises(JobFailedError, match="too few samples") as caught:

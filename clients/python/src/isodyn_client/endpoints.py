@@ -224,6 +224,7 @@ def request_map(
     features: FeatureSet | str | None = None,
     cell_m: float | None = None,
     mapped_m: float | None = None,
+    align: bool | None = None,
 ) -> Call[Job]:
     """Ask for a map of a level, from all its surveys or only some; returns the job that builds it.
 
@@ -236,6 +237,7 @@ def request_map(
             "features": str(features) if features is not None else None,
             "cell_m": cell_m,
             "mapped_m": mapped_m,
+            "align": align,
         }
     )
     return Call("POST", "/v1/maps", as_model(Job), body=json_body(fields), repeatable=False)

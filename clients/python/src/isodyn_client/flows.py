@@ -115,16 +115,20 @@ class Flows:
         features: FeatureSet | str | None = None,
         cell_m: float | None = None,
         mapped_m: float | None = None,
+        align: bool | None = None,
         timeout: float = 600.0,
         progress: JobProgress | None = None,
     ) -> Flow[MapInfo]:
         """Request a map of a level, wait for the job that builds it, and return the new version.
 
         ``cell_m`` is the grid's spacing; a node within ``mapped_m`` of a survey sample counts as mapped.
+        ``align=False`` takes walks as they are: for calibrated devices along lines that hardly cross.
         ``progress`` is called with the job while it runs (``job.progress`` 0..1, ``job.progress_text``).
         """
         job = yield from self.exchange(
-            endpoints.request_map(level_id, survey_ids=survey_ids, features=features, cell_m=cell_m, mapped_m=mapped_m)
+            endpoints.request_map(
+                level_id, survey_ids=survey_ids, features=features, cell_m=cell_m, mapped_m=mapped_m, align=align
+            )
         )
         job = yield from self.wait_for_job(job.id, timeout=timeout, progress=progress)
         return (yield from self.exchange(endpoints.map_info(str(job.result["map_id"]))))
