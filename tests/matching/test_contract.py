@@ -28,7 +28,9 @@ def problem_for(entry: MatcherEntry, *, seed: int = 0, n: int = 50, features: Fe
     rng = np.random.default_rng(seed)
     grid_map = field_map(rng, features=features or entry.features[0], shape=(120, 160))
     truth = walk_through(grid_map, rng, start=(5.0, 5.0), n=n, shift=(1.0, -0.5), region_sd=2.0)
-    return with_routes(truth, (np.stack([truth.x, truth.y], axis=1), np.array([[0.0, -10.0], [50.0, -10.0]])))
+    way = np.stack([truth.x, truth.y], axis=1)
+    before, after = way[0] - np.outer(np.arange(8.0, 0.0, -0.5), way[1] - way[0]), 2.0 * way[-1] - way[-13:-1][::-1]
+    return with_routes(truth, (np.concatenate([before, way, after]), np.array([[0.0, -10.0], [50.0, -10.0]])))
 
 
 def run(entry: MatcherEntry, problem: MatchProblem) -> MatchResult:

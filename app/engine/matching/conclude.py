@@ -137,7 +137,10 @@ def conclude(
         converged=converged,
         note=note,
     )
-    status = _status(matches, evidence, problem.grid_map.cell_m, policy)
+    told = float(np.linalg.eigvalsh(first.information[:2, :2])[-1]) * (share / inflation)
+    # without any slope in any direction a placement rests on what was known before, whatever the search made of noise
+    silent = told * (policy.settled_cells * problem.grid_map.cell_m) ** 2 < 1.0
+    status = Status.INSUFFICIENT if silent else _status(matches, evidence, problem.grid_map.cell_m, policy)
     ask = status in (Status.INSUFFICIENT, Status.AMBIGUOUS)
     return MatchResult(status, matches, evidence, max(_WALK_ON_M, 0.5 * problem.track.length_m) if ask else None)
 

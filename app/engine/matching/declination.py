@@ -20,7 +20,7 @@ from app.engine.matching.dtw.placing import warp
 from app.engine.matching.dtw.search import Deadline, Steps
 from app.engine.matching.entry import Bound, MatcherEntry
 from app.engine.matching.field import read_map
-from app.engine.matching.problem import MatchProblem, Region
+from app.engine.matching.problem import MatchProblem, Region, common_features
 from app.engine.matching.result import Candidate, MatchResult
 from app.engine.types import ComplexArray, FeatureSet, Float64Array
 
@@ -76,9 +76,9 @@ class DeclinationMatcher:
     def match(self, problem: MatchProblem) -> MatchResult:
         """See :meth:`app.engine.matching.Matcher.match`."""
         deadline = Deadline(problem.deadline_s)
-        for what, features in (("profile", problem.profile.features), ("grid_map", problem.grid_map.features)):
-            if features is not FeatureSet.VECTOR:
-                raise InputError(what, f"a compass needs vectors, and these are {features}: give the field's vector")
+        features = common_features(problem.profile.features, problem.grid_map.features)
+        if features is not FeatureSet.VECTOR:
+            raise InputError("features", f"a compass needs vectors, and {features} has none: give them and their map")
         if problem.region is None:
             raise InputError("region", "dead reckoning begins somewhere: give a region or an earlier result's place")
         if len(problem) < 3:
