@@ -120,7 +120,7 @@ def test_what_is_missing_is_said() -> None:
     problem = walk(7).problem
     with pytest.raises(InputError, match="give a region"):
         matched(replace(problem, region=None))
-    with pytest.raises(InputError, match="give the field's vector"):
+    with pytest.raises(InputError, match="needs vectors"):
         matched(replace(problem, grid_map=field_map(np.random.default_rng(7), features=FeatureSet.HV)))
 
 
