@@ -150,7 +150,9 @@ class Iccp:
 
     def _beside(self, problem: MatchProblem, start: Float64Array) -> list[Float64Array]:
         step = self.parameters.basin_cells * problem.grid_map.cell_m
-        return [start + np.array([dx, dy, 0.0, 0.0]) for dx, dy in ((step, 0.0), (-step, 0.0), (0.0, step), (0.0, -step))]
+        return [
+            start + np.array([dx, dy, 0.0, 0.0]) for dx, dy in ((step, 0.0), (-step, 0.0), (0.0, step), (0.0, -step))
+        ]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

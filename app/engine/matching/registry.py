@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from types import MappingProxyType
 
-from app.engine.matching import iccp, icm
+from app.engine.matching import iccp, icm, metaheuristic
 from app.engine.matching.entry import MatcherEntry
 
-_ENTRIES: tuple[MatcherEntry, ...] = (icm.ENTRY, *iccp.ENTRIES)
+_ENTRIES: tuple[MatcherEntry, ...] = (icm.ENTRY, *iccp.ENTRIES, *metaheuristic.ENTRIES)
 MATCHERS: Mapping[str, MatcherEntry] = MappingProxyType({entry.name: entry for entry in _ENTRIES})
