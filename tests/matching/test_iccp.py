@@ -74,7 +74,7 @@ def _end(matcher: Matcher, truth: Truth) -> tuple[np.ndarray, np.ndarray]:
 
 
 def test_without_a_coarse_search_it_rests_nearby() -> None:
-    """From a cell beside the truth it falls into it; from far away it comes to rest elsewhere, and does not say ok."""
+    """From a cell beside the truth it falls into it; from far away it comes to rest elsewhere."""
     near, far = _truth(2, shift=(0.4, -0.3)), _truth(2, shift=(9.0, -7.0))
     match = _matcher("iccp", coarse=False).match(near.problem).matches[0]
     assert _error(near, match.x, match.y) < 0.1
