@@ -5,8 +5,15 @@ from __future__ import annotations
 from collections.abc import Mapping
 from types import MappingProxyType
 
-from app.engine.matching import declination, dtw, iccp, icm, magcom
+from app.engine.matching import declination, dtw, iccp, icm, magcom, metaheuristic
 from app.engine.matching.entry import MatcherEntry
 
-_ENTRIES: tuple[MatcherEntry, ...] = (magcom.ENTRY, icm.ENTRY, *iccp.ENTRIES, *dtw.ENTRIES, declination.ENTRY)
+_ENTRIES: tuple[MatcherEntry, ...] = (
+    magcom.ENTRY,
+    icm.ENTRY,
+    *iccp.ENTRIES,
+    *metaheuristic.ENTRIES,
+    *dtw.ENTRIES,
+    declination.ENTRY,
+)
 MATCHERS: Mapping[str, MatcherEntry] = MappingProxyType({entry.name: entry for entry in _ENTRIES})

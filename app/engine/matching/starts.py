@@ -109,7 +109,8 @@ def lattice(problem: MatchProblem, step_m: float, sigmas: float = 3.0) -> Float6
     if region is None:
         x_min, y_min, x_max, y_max = problem.grid_map.extent
         columns, rows = np.arange(x_min, x_max + 1e-9, step_m), np.arange(y_min, y_max + 1e-9, step_m)
-        return np.stack(np.meshgrid(columns, rows), axis=2).reshape(-1, 2) - first
+        anywhere: Float64Array = np.stack(np.meshgrid(columns, rows), axis=2).reshape(-1, 2) - first
+        return anywhere
     steps = [
         step_m * np.arange(-np.floor(half / step_m), np.floor(half / step_m) + 1) for half in region.half_widths(sigmas)
     ]
