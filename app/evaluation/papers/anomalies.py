@@ -56,6 +56,8 @@ class AnomalySettings:
         Tracks keep this far from a window's edge.
     covered : float
         Share of a window that must be mapped.
+    lines : int
+        Left-out lines that a window must hold: tracks along a single one would all be the same.
     """
 
     cell_m: float = 200.0
@@ -64,6 +66,7 @@ class AnomalySettings:
     side_m: float = 28_000.0
     inset_m: float = 4000.0
     covered: float = 0.95
+    lines: int = 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -357,7 +360,7 @@ def crop(grid_map: GridMap, extent: Extent) -> GridMap:
 
 
 def windows_of(survey: LineSurvey, overview: GridMap, settings: AnomalySettings, length_m: float) -> list[Window]:
-    """Squares that tile a survey from its south-west corner, are mapped, and hold so long a left-out line."""
+    """Squares that tile a survey from its south-west corner, are mapped, and hold left-out lines of such a length."""
     x_min, y_min, x_max, y_max = overview.extent
     side = settings.side_m
     found = []
@@ -365,7 +368,8 @@ def windows_of(survey: LineSurvey, overview: GridMap, settings: AnomalySettings,
         left, bottom = x_min + i * side, y_min + j * side
         extent = (left, bottom, left + side, bottom + side)
         part = crop(overview, extent)
-        if part.mapped.mean() >= settings.covered and stretches(survey.left_out, inset(extent, settings), length_m):
+        lines = {one.line for one in stretches(survey.left_out, inset(extent, settings), length_m)}
+        if part.mapped.mean() >= settings.covered and len(lines) >= settings.lines:
             slopes = np.gradient(part.mean[0].astype(np.float64), part.cell_m)
             rms = float(np.sqrt(np.mean(slopes[0] ** 2 + slopes[1] ** 2)))
             found.append(Window(survey, extent, rms * 1000.0 / UT_PER_NT))

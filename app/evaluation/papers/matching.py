@@ -43,13 +43,13 @@ class Outcome:
         None: it refused or failed; ``note`` says why.
     dx, dy : float, m
         Located less true position of the last point; NaN without a place.
-    heading_error : float, rad
-        Located less true direction of motion, root mean square over the track; NaN without a place.
     track_error : array, shape (n,), m
         Distance from the truth at each point; empty without a place.
     cpu_s : float, s
         Processor time of the match.
     note : str
+    x, y : array, shape (n,), m, level frame, or None
+        Where the track was put.
     """
 
     trial: str
