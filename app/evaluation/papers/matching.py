@@ -13,6 +13,9 @@ from app.engine.matching import MATCHERS, MatchProblem
 from app.engine.types import FeatureSet, Float64Array, Progress, Status
 from app.evaluation.pool import map_tasks, process_pool
 
+_CHUNK = 5
+"""Trials that a process takes at a time at least: the first of them is answered twice."""
+
 
 @dataclass(frozen=True, slots=True)
 class Trial:
@@ -99,7 +102,7 @@ def run_trials(
 ) -> dict[str, tuple[Outcome, ...]]:
     """Answers of each method to each trial, in the order of the trials."""
     say = progress or (lambda _fraction, _what: None)
-    chunk = max(1, -(-len(trials) // (4 * jobs)))
+    chunk = max(_CHUNK, -(-len(trials) // (4 * jobs)))
     parts = [tuple(trials[i : i + chunk]) for i in range(0, len(trials), chunk)]
     tasks = [_Task(method, part) for method in methods for part in parts]
     if not tasks:

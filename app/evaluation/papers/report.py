@@ -74,4 +74,5 @@ class PapersReport:
             parts.append(s1_table(values["s1"]))
         if "s3" in values:
             parts += [voting_table(values["s3"][VOTING]), declination_table(values["s3"][DECLINATION])]
-        return "\n\n".join(["\n".join(part) for part in parts] + [f"note: {note}" for note in self.notes])
+        tables = ["\n".join(part) for part in parts]
+        return "\n\n".join(tables + (["\n".join(f"note: {note}" for note in self.notes)] if self.notes else []))

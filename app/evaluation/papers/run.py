@@ -7,11 +7,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from app.engine.types import Progress
 from app.evaluation.errors import OptionsError
+from app.evaluation.papers.anomalies import AnomalySettings
 from app.evaluation.papers.matching import part_of
 from app.evaluation.papers.report import PapersReport
 from app.evaluation.papers.s1 import run_s1
@@ -36,6 +37,8 @@ class PapersOptions:
     jobs : int
     plots, cache : Path or None
         As in :class:`app.evaluation.protocol.EvaluationOptions`.
+    anomalies : AnomalySettings
+        How surveys become maps.
     """
 
     data: Path
@@ -44,6 +47,7 @@ class PapersOptions:
     jobs: int = 1
     plots: Path | None = None
     cache: Path | None = None
+    anomalies: AnomalySettings = field(default_factory=AnomalySettings)
 
     def __post_init__(self) -> None:
         for name in ("tracks", "jobs"):
@@ -80,7 +84,7 @@ def run_papers(options: PapersOptions, progress: Progress | None = None) -> Pape
 def _with(report: PapersReport, name: str, options: PapersOptions, progress: Progress) -> PapersReport:
     tracks, jobs, cache = options.tracks, options.jobs, options.cache
     if name == "s4":
-        regions = run_s4(options.data, tracks=tracks, jobs=jobs, cache=cache, progress=progress)
+        regions = run_s4(options.data, options.anomalies, tracks=tracks, jobs=jobs, cache=cache, progress=progress)
         none = () if regions[0].outcomes else ("s4: no method in the registry suits an area and the total field",)
         return replace(report, s4=regions, notes=report.notes + none)
     if name == "s1":

@@ -141,12 +141,16 @@ def way_m() -> float:
 
 
 def run_s4(
-    data: Path, *, tracks: int, jobs: int = 1, cache: Path | None = None, progress: Progress | None = None,
-    settings: AnomalySettings | None = None,
-) -> tuple[RegionResult, ...]:  # fmt: skip
+    data: Path,
+    settings: AnomalySettings,
+    *,
+    tracks: int,
+    jobs: int = 1,
+    cache: Path | None = None,
+    progress: Progress | None = None,
+) -> tuple[RegionResult, ...]:
     """Put every method that suits an area and the total field to the test."""
     say = progress or (lambda _fraction, _what: None)
-    settings = settings or AnomalySettings()
     grounds = choose_grounds(data, settings, cache, lambda f, what: say(0.1 * f, what))
     methods = suited("area", FeatureSet.TOTAL)
     results = []

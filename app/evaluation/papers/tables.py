@@ -68,7 +68,7 @@ def s1_table(sets: Mapping[str, Mapping[str, Figures]]) -> list[str]:
     for count in published.S1_MEAN:
         rows += [_paper_row(count, method) for method in METHODS]
     title = "s1: windows slid along a stored sequence (Zhang 2021), errors of the window's end in metres"
-    return [title, *layout(rows, left=1), *_S1_LEGEND]
+    return [title, *layout(rows, left=2), *_S1_LEGEND]
 
 
 def _paper_row(count: int, method: str) -> Row:
@@ -76,11 +76,11 @@ def _paper_row(count: int, method: str) -> Row:
     mean = published.S1_MEAN[count].get(method) or (published.S1_IMPROVED_60.get(method) if count == 60 else None)
     within = percent_cell(published.S1_WITHIN_4_M.get(method)) if count == 60 else "-"
     times = (f"{1000 * seconds[method]:.0f}", _ratio(seconds[method], seconds["dtw"]))
-    return ("paper", str(count), "", method, "", length_cell(mean), "", "", "", "", within, "", *times)
+    return ("paper", method, str(count), "", "", length_cell(mean), "", "", "", "", within, "", *times)
 
 
 _S1_HEADER = (
-    "set", "readings", "way", "method", "fixes", "mean", "p50", "<1 m", "<2 m", "<3 m", "<4 m", "ok", "ms", "to dtw"
+    "set", "method", "readings", "way", "fixes", "mean", "p50", "<1 m", "<2 m", "<3 m", "<4 m", "ok", "ms", "to dtw"
 )  # fmt: skip
 _S1_LEGEND = (
     "shares are of all windows (no place counts as farther); ok: status ok; ms: processor time of a fix, median",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +11,7 @@ import numpy as np
 from app.engine.inertial import find_steps, level_samples, window_means
 from app.engine.inertial.legs import heading_offset
 from app.engine.inertial.stride import step_durations, stride_length
+from app.engine.matching import features_of
 from app.engine.types import FeatureSet, Float64Array, GridMap, MapBuildSettings
 from app.evaluation.datasets.kaist import DEFAULT_FLOOR, SURVEY, open_kaist
 from app.evaluation.datasets.kaist import TEST as KAIST_TEST
@@ -129,6 +130,13 @@ def read_walk(walk: RecordedWalk, rate_hz: float) -> WalkReadings | None:
         way=np.interp(t, np.concatenate([[levelled.t[0]], steps.t]), np.concatenate([[0.0], walked])),
         corners=np.stack([labels.x, labels.y], axis=1),
     )
+
+
+def total_map(grid_map: GridMap) -> GridMap:
+    """The same map of the total field alone."""
+    mean, sd = features_of(grid_map, FeatureSet.TOTAL)
+    noise = float(np.sqrt(np.mean(np.square(grid_map.noise_sd))))
+    return replace(grid_map, features=FeatureSet.TOTAL, mean=mean, sd=sd, noise_sd=(noise,))
 
 
 def in_features(forward_left_up: Float64Array, heading: Float64Array, features: FeatureSet) -> Float64Array:
