@@ -46,8 +46,9 @@ format: install  ## format and mend what can be mended
 	$(BIN)/ruff format app tests clients maps
 	$(BIN)/ruff check --fix app tests clients maps
 
-bench: install  ## kernels and map building against their goals (writes bench-out/)
+bench: install  ## kernels and map building against their goals and their peers (writes bench-out/)
 	$(BIN)/python -m tests.benchmarks --out bench-out
+	$(BIN)/isodyn bench kernels --json bench-out/kernels.json
 
 evaluate: install  ## the shared floors with DATA=<folder of data sets>
 	$(BIN)/isodyn evaluate ilc20 --data $(DATA) --jobs 2 --json bench-out/ilc20.json

@@ -6,13 +6,13 @@ from typing import Annotated
 
 import typer
 
-from app.cli import database, demo, evaluate, keys, locate, maps, replay, serve, surveys
+from app.cli import bench, database, demo, evaluate, keys, locate, maps, replay, serve, surveys
 from app.cli.common import NAMED
 
 app = typer.Typer(
     name="isodyn",
     help="Isodyn: open network-side geomagnetic positioning.\n\n"
-    "Try it:  isodyn demo   ·   run it:  isodyn serve   ·   then: survey, map, locate, replay, evaluate.\n\n"
+    "Try it:  isodyn demo   ·   run it:  isodyn serve   ·   then: survey, map, locate, replay, evaluate, bench.\n\n"
     "Commands that talk to a service take its address from --url or ISODYN_URL and the API key from --key or "
     "ISODYN_KEY.",
     context_settings=NAMED,
@@ -26,6 +26,7 @@ app.add_typer(maps.app, name="map")
 app.command("locate")(locate.locate)
 app.command("replay")(replay.replay)
 app.add_typer(evaluate.app, name="evaluate")
+app.add_typer(bench.app, name="bench")
 app.add_typer(keys.app, name="keys")
 app.add_typer(database.app, name="db")
 

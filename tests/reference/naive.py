@@ -210,3 +210,49 @@ def line_moments(xy, w):
     mean = np.average(metres, axis=0, weights=w)
     cov = np.cov(metres.T, aweights=w, ddof=0)
     return np.array([*mean, cov[0, 0], cov[0, 1], cov[1, 1]])
+
+
+def placements(planes, mapped, points, values, poses, squared, centred, turning):
+    """Cost and mapped share of placements, point after point, shape (p, 2)."""
+    channels, rows, columns = planes.shape
+    planes = np.pad(planes.astype(float), ((0, 0), (0, 1), (0, 1)), mode="edge")
+    out = []
+    for x, y, angle, scale in poses:
+        turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+        residuals = []
+        for point, value in zip(points, values, strict=True):
+            gx, gy = np.array([x, y]) + scale * turn @ point
+            if not (0 <= gx <= columns - 1 and 0 <= gy <= rows - 1):
+                continue
+            if not mapped[int(np.ceil(gy - 0.5)), int(np.ceil(gx - 0.5))]:
+                continue
+            if turning:
+                value = np.concatenate([turn @ value[:2], value[2:]])
+            residuals.append([value[c] - bilinear_open(planes[c], gx, gy) for c in range(channels)])
+        d = np.array(residuals).reshape(-1, channels)
+        if centred and len(d):
+            d = d - d.mean(axis=0)
+        cost = (d**2 if squared else np.abs(d)).mean() if len(d) else 0.0
+        out.append([cost, len(d) / len(points)])
+    return np.array(out)
+
+
+def bilinear_open(plane, gx, gy):
+    """Value of a plane that has one row and column more than is ever reached."""
+    ix, iy = int(np.floor(gx)), int(np.floor(gy))
+    fx, fy = gx - ix, gy - iy
+    top = plane[iy, ix] * (1 - fx) + plane[iy, ix + 1] * fx
+    bottom = plane[iy + 1, ix] * (1 - fx) + plane[iy + 1, ix + 1] * fx
+    return top * (1 - fy) + bottom * fy
+
+
+def lattice(plane, weight, offset, i, j, v, u, z, shape):
+    """Map, weight and reading of each point at each shift, shift after shift: three arrays (rows, columns, n)."""
+    s, w = np.empty((*shape, len(z))), np.empty((*shape, len(z)))
+    for y, x in np.ndindex(shape):
+        for k in range(len(z)):
+            s[y, x, k] = (
+                bilinear_open(plane.astype(float), j[k] + x + float(u[k]), i[k] + y + float(v[k])) + offset[y, x]
+            )
+            w[y, x, k] = weight[i[k] + y + (v[k] > 0.5), j[k] + x + (u[k] > 0.5)]
+    return s, w, np.broadcast_to(z, s.shape)

@@ -39,6 +39,9 @@ class JudgementPolicy:
         Share of the placement that must lie on mapped ground.
     distinct_sigmas, distinct_cells : float
         A placement nearer than either to a likelier one is that one.
+    explained : float
+        Residuals above this many times what map, walk and sensor account for are another field than the map's: none
+        of the places found is the right one.
     """
 
     won: float = 0.95
@@ -47,6 +50,7 @@ class JudgementPolicy:
     mapped: float = 0.5
     distinct_sigmas: float = 3.0
     distinct_cells: float = 4.0
+    explained: float = 5.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -300,6 +304,8 @@ def _located(candidate: Candidate, cov: Float64Array, weight: float) -> LocatedT
 def _status(matches: Sequence[LocatedTrack], evidence: Evidence, cell_m: float, policy: JudgementPolicy) -> Status:
     if evidence.mapped < policy.mapped:
         return Status.OFF_MAP
+    if evidence.residual_rms > policy.explained * evidence.expected_rms:
+        return Status.INSUFFICIENT
     if major_axis(matches[0].cov) > policy.settled_cells * cell_m:
         return Status.INSUFFICIENT
     if matches[0].weight >= policy.won:
