@@ -50,13 +50,11 @@ class Exhaustive:
         track, region, cell = problem.track, problem.region, problem.grid_map.cell_m
         assert region is not None
         steps = np.arange(-region.half_widths(2.5)[0], region.half_widths(2.5)[0], cell)
-        features = problem.profile.features
-        found = []
-        for dx in steps:
-            for dy in steps:
-                read = read_map(problem.grid_map, features, track.x + dx, track.y + dy).mean
-                cost = float(np.abs(read - problem.profile.values).mean())
-                found.append(Candidate(track.x + dx, track.y + dy, cost))
+        shifts = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
+        x, y = track.x + shifts[:, :1], track.y + shifts[:, 1:]
+        read = read_map(problem.grid_map, problem.profile.features, x.ravel(), y.ravel()).mean
+        cost = np.abs(read.reshape(*x.shape, -1) - problem.profile.values).mean(axis=(1, 2))
+        found = [Candidate(*placed) for placed in zip(x, y, cost.tolist(), strict=True)]
         found.sort(key=lambda one: one.cost)
         return conclude(problem, found[:20], evaluated=len(found))
 
@@ -70,7 +68,7 @@ class Sliding:
         for route in [way for one in problem.routes for way in (one, one.reversed())]:
             at = route.spacing_m * np.arange(len(route))
             mean = route.mean if route.features is problem.profile.features else _reduced(route.mean)
-            for start in at[at + walked[-1] <= at[-1]]:
+            for start in at[at + walked[-1] <= at[-1]][::3]:
                 s = start + walked
                 read = np.stack([np.interp(s, at, channel) for channel in mean.T], axis=1)
                 away = read - problem.profile.values

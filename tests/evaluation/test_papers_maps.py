@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from app.engine.matching import read_map
 from app.engine.types import FeatureSet
 from app.evaluation.datasets.aero import AeroSurvey, open_aero
 from app.evaluation.errors import DataSetError
+from app.evaluation.papers import anomalies
 from app.evaluation.papers.anomalies import (
     AnomalySettings,
     LineSurvey,
@@ -30,6 +32,13 @@ from app.evaluation.papers.anomalies import (
 from tests.evaluation.surveys import SETTINGS, anomaly_nt, write_aero
 
 EXTENT = (200.0, -8600.0, 17_800.0, 8600.0)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def few_points() -> Iterator[None]:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(anomalies, "_FIT_POINTS", 300)
+        yield
 
 
 @pytest.fixture(scope="module")

@@ -8,7 +8,7 @@ import numpy as np
 
 from app.engine.types import FeatureSet, Float64Array, GridMap
 
-_WAVES = 400
+_WAVES = 200
 _RIM_M = 2.0
 
 

@@ -34,6 +34,7 @@ def region_figures(outcomes: Sequence[Outcome]) -> Figures:
         "p50": median(errors),
         "not_ok_rate": mean(~sure),
         "ok_failure_rate": mean(~held[sure]),
+        "ellipse95": mean([outcome.inside for outcome in placed if outcome.status is Status.OK]),
         "track_mean": mean([float(outcome.track_error.mean()) for outcome in placed]),
         "refused": sorted({outcome.note for outcome in outcomes if outcome.status is None}),
         "errors_m": [finite(error) for error in errors],

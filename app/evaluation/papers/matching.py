@@ -11,6 +11,7 @@ import numpy as np
 from app.engine.errors import EngineError
 from app.engine.matching import MATCHERS, MatchProblem
 from app.engine.types import FeatureSet, Float64Array, Progress, Status
+from app.evaluation.metrics import ELLIPSE95
 from app.evaluation.pool import map_tasks, process_pool
 
 _CHUNK = 5
@@ -51,6 +52,8 @@ class Outcome:
     cpu_s : float, s
         Processor time of the match.
     note : str
+    inside : bool
+        Whether the true end lies in the 95 % ellipse of the likeliest place.
     x, y : array, shape (n,), m, level frame, or None
         Where the track was put.
     """
@@ -62,6 +65,7 @@ class Outcome:
     track_error: Float64Array
     cpu_s: float
     note: str = ""
+    inside: bool = False
     x: Float64Array | None = None
     y: Float64Array | None = None
 
@@ -145,8 +149,17 @@ def _one(method: str, trial: Trial) -> Outcome:
     if not result.matches:
         return Outcome(trial.name, result.status, np.nan, np.nan, np.empty(0), cpu_s, result.evidence.note)
     best = result.matches[0]
-    away_x, away_y = best.x - trial.x, best.y - trial.y
+    away = np.stack([best.x - trial.x, best.y - trial.y], axis=1)
+    end = away[-1]
     return Outcome(
-        trial.name, result.status, float(away_x[-1]), float(away_y[-1]), np.hypot(away_x, away_y), cpu_s,
-        result.evidence.note, best.x, best.y,
-    )  # fmt: skip
+        trial=trial.name,
+        status=result.status,
+        dx=float(end[0]),
+        dy=float(end[1]),
+        track_error=np.hypot(*away.T),
+        cpu_s=cpu_s,
+        note=result.evidence.note,
+        inside=bool(end @ np.linalg.solve(best.cov, end) <= ELLIPSE95),
+        x=best.x,
+        y=best.y,
+    )

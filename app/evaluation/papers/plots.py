@@ -44,7 +44,7 @@ def plot_region(region: RegionResult, path: Path, *, number: int = 0) -> Path:
     """Draw a region's field, a track, what the inertial navigation system indicates, and where methods put it."""
     trial, grid_map = region.trials[number], region.ground.grid_map
     x_min, y_min, x_max, y_max = grid_map.extent
-    figure, axes = new_figure((y_max - y_min) / (x_max - x_min))
+    figure, axes = new_figure(0.85 * (y_max - y_min) / (x_max - x_min))
     extent = tuple(value / 1000.0 for value in (x_min, x_max, y_min, y_max))
     image = axes.imshow(_NT * grid_map.mean[0], origin="lower", extent=extent, cmap="viridis", alpha=0.8)
     figure.colorbar(image, ax=axes, shrink=0.7, label="anomaly of the total field (nT)")

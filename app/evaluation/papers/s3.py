@@ -6,7 +6,7 @@ Actuators, 2019(10). Part 1: a garage lane with a magnetometer alone (10 Hz, map
 
 Here part 1 runs on the laboratory (recorded, 5 Hz, all legs of its test walks and the corners between them at once) and
 on a simulated lane with the paper's map; part 2 on the laboratory's walks and on a simulated office. What the paper
-does not say and is chosen here: 40 readings a window, a lane of 60 m (8 uT, 2 m), the office's field (north 20 uT, bent
+does not say and is chosen here: windows of 8 s, a lane of 60 m (8 uT, 2 m), the office's field (north 20 uT, bent
 by 15 uT, 1 m), ways of eight legs, a start known to 0.3 m.
 """
 
@@ -24,7 +24,7 @@ from app.evaluation.papers.matching import Outcome, Trial, part_of, registered, 
 from app.evaluation.papers.walks import WalkReadings, WalkSet, in_features, uji_walks
 
 VOTING, DECLINATION = "voting_dtw", "declination_aided"
-WINDOW = 40
+WINDOW_S = 8.0
 NEAR_M = 1.0
 BOUND = 0.977
 """Share of the accepted errors below the bound that S3 gives."""
@@ -93,11 +93,12 @@ def _routes_m(trials: tuple[Trial, ...]) -> float:
 def corridor_trials(uji: WalkSet, count: int) -> tuple[Trial, ...]:
     """Windows of the laboratory's test walks, sought along the legs and corners of all of them."""
     routes = _routes(uji.grid_map, [walk.corners for walk in uji.walks], _SPACING_M)
-    starts = [(walk, start) for walk in uji.walks for start in range(0, len(walk) - WINDOW, WINDOW // 4)]
+    window = round(WINDOW_S * uji.rate_hz)
+    starts = [(walk, start) for walk in uji.walks for start in range(0, len(walk) - window, window // 4)]
     chosen = np.linspace(0, len(starts) - 1, min(count, len(starts))).round().astype(np.int64).tolist()
     trials = []
     for number, (walk, start) in enumerate(starts[i] for i in dict.fromkeys(chosen)):
-        rows = slice(start, start + WINDOW)
+        rows = slice(start, start + window)
         values = in_features(walk.mag[rows], walk.heading[rows], FeatureSet.VECTOR)
         profile = Profile(FeatureSet.VECTOR, values, np.full(3, _NOISE_UT), _PHONE_OFFSET_UT)
         track = _paced(walk.t[rows], walk.heading[rows], 1.0)
@@ -132,15 +133,15 @@ def lane_trials(count: int) -> tuple[Trial, ...]:
 
 def _lane_trial(grid_map: GridMap, field: HarmonicField, lane: RouteMap, seed: int) -> Trial:
     rng = np.random.default_rng(3100 + seed)
-    t = np.arange(WINDOW) / _LANE_HZ
+    t = np.arange(0.0, WINDOW_S, 1.0 / _LANE_HZ)
     speed = _LANE_SPEED * (1.0 + 0.15 * np.sin(0.9 * t + rng.uniform(0.0, 2.0 * np.pi)))
     way = np.concatenate([[0.0], np.cumsum(speed[1:] / _LANE_HZ)])
     x = rng.uniform(0.0, _LANE_M - way[-1]) + way
-    heading = np.zeros(WINDOW)
+    heading = np.zeros(len(t))
     if rng.random() < 0.5:
-        x, heading = x[::-1], np.full(WINDOW, np.pi)
-    y = np.full(WINDOW, 1.0)
-    values = field.at(x, y) + _NOISE_UT * rng.standard_normal((WINDOW, 3))
+        x, heading = x[::-1], np.full(len(t), np.pi)
+    y = np.full(len(t), 1.0)
+    values = field.at(x, y) + _NOISE_UT * rng.standard_normal((len(t), 3))
     profile = Profile(FeatureSet.VECTOR, values, np.full(3, _NOISE_UT))
     problem = MatchProblem(profile, _paced(t, heading, _LANE_SPEED), grid_map, routes=(lane,), seed=seed)
     return Trial(f"lane/{seed}", problem, x, y)
