@@ -13,7 +13,7 @@ def local_costs(q, x, *, squared=True):
     return (apart**2 if squared else apart).sum(axis=2)
 
 
-def matrix(d, *, skipping=False, open_begin=False, lo=None, hi=None):
+def matrix(d, *, skipping=False, uneven=0.0, open_begin=False, lo=None, hi=None):
     """Least cost of a path to every pair, infinite outside the band; shape (n, m)."""
     n, m = d.shape
     lo = np.zeros(n, dtype=int) if lo is None else lo
@@ -28,9 +28,9 @@ def matrix(d, *, skipping=False, open_begin=False, lo=None, hi=None):
             if i == 0 and (open_begin or j == 0):
                 before = 0.0
             elif skipping:
-                before = min(at(i - 1, j), at(i - 1, j - 1), at(i - 1, j - 2))
+                before = min(at(i - 1, j) + uneven, at(i - 1, j - 1), at(i - 1, j - 2) + uneven)
             else:
-                before = min(at(i - 1, j), at(i, j - 1), at(i - 1, j - 1))
+                before = min(at(i - 1, j) + uneven, at(i, j - 1) + uneven, at(i - 1, j - 1))
             cost[i, j] = d[i, j] + before
     return cost
 
@@ -40,9 +40,9 @@ def window_cost(q, x, *, squared=True, skipping=False, lo=None, hi=None):
     return matrix(local_costs(q, x, squared=squared), skipping=skipping, lo=lo, hi=hi)[-1, -1]
 
 
-def subsequence_costs(q, x, *, squared=True, skipping=False):
+def subsequence_costs(q, x, *, squared=True, skipping=False, uneven=0.0):
     """Cost of the best path that ends at each position and begins anywhere, shape (m,)."""
-    return matrix(local_costs(q, x, squared=squared), skipping=skipping, open_begin=True)[-1]
+    return matrix(local_costs(q, x, squared=squared), skipping=skipping, uneven=uneven, open_begin=True)[-1]
 
 
 def path_cost(q, x, path):

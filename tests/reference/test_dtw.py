@@ -40,7 +40,7 @@ def windows(q, x, band, *, skipping=False, shift=None):
     return out.ravel()[:count]
 
 
-def subsequence(q, x, *, skipping=False, block=10**9):
+def subsequence(q, x, *, skipping=False, uneven=0, block=10**9):
     """Cost of the best stretch that ends at each point of x (m, channels), by way of chunks."""
     n, channels = q.shape
     top = 65535 if q.dtype == np.uint16 else 1e5
@@ -48,19 +48,22 @@ def subsequence(q, x, *, skipping=False, block=10**9):
     stored = stored.astype(q.dtype)
     state = np.full((n, 2, lanes.LANES) if skipping else (n, lanes.LANES), lanes.FAR[q.dtype.name], dtype=q.dtype)
     out = np.empty((len(stored), lanes.LANES), dtype=q.dtype)
-    kernel = dtw.skipping_subsequence if skipping else dtw.classic_subsequence
     for j in range(0, len(stored), block):
-        kernel(q, stored[j : j + block], (0,) * channels, state, out[j : j + block])
+        part, costs = stored[j : j + block], out[j : j + block]
+        if skipping:
+            dtw.skipping_subsequence(q, part, (0,) * channels, q.dtype.type(uneven), state, costs)
+        else:
+            dtw.classic_subsequence(q, part, (0,) * channels, state, costs)
     return out_of_lanes(out[2 * n :], len(x))
 
 
-def path_of(q, x, band=None, *, skipping=False, open_ends=(False, False)):
+def path_of(q, x, band=None, *, skipping=False, uneven=0.0, open_ends=(False, False)):
     """Cost, and pairs from first to last."""
     n, m = len(q), len(x)
     path = np.empty((n + m, 2), dtype=np.int64)
     moves = np.empty((n, m), dtype=np.int8)
     lo, hi = bands.full_band(n, m) if band is None else band
-    cost, first = warping_path(q, x, lo, hi, skipping, open_ends, np.empty((2, m)), moves, path)
+    cost, first = warping_path(q, x, lo, hi, skipping, uneven, open_ends, np.empty((2, m)), moves, path)
     return cost, path[first:]
 
 
@@ -127,8 +130,10 @@ def test_subsequences_in_chunks_cost_what_they_do_in_one_piece(n, m, channels) -
     for x in (smooth(rng, m, channels), *adversarial(m, channels)):
         q = x[m // 2 :][:n] + rng.standard_normal((min(n, m - m // 2), channels))
         q32 = q.astype(np.float32)
-        expected = naive.subsequence_costs(q, x, skipping=True)
-        np.testing.assert_allclose(subsequence(q32, x, skipping=True), expected, rtol=1e-3, atol=0.05)
+        for uneven in (0.0, 7.0):
+            expected = naive.subsequence_costs(q, x, skipping=True, uneven=uneven)
+            found = subsequence(q32, x, skipping=True, uneven=uneven)
+            np.testing.assert_allclose(found, expected, rtol=1e-3, atol=0.05)
         np.testing.assert_array_equal(subsequence(q32, x, skipping=True, block=6), subsequence(q32, x, skipping=True))
         classic = naive.subsequence_costs(q, x)
         found = subsequence(q32, x, block=4)
@@ -145,24 +150,27 @@ def test_subsequences_of_words_are_exact(skipping: bool) -> None:
     rng = np.random.default_rng(3)
     x = np.rint(10.0 * smooth(rng, 500, 3))
     q = np.rint(x[200:230] + 5.0 * rng.standard_normal((30, 3))).astype(np.uint16)
-    expected = naive.subsequence_costs(q, x, squared=False, skipping=skipping)
-    np.testing.assert_array_equal(subsequence(q, x, skipping=skipping), np.minimum(expected, 65535))
+    for uneven in (0, 40) if skipping else (0,):
+        expected = naive.subsequence_costs(q, x, squared=False, skipping=skipping, uneven=uneven)
+        found = subsequence(q, x, skipping=skipping, uneven=uneven)
+        np.testing.assert_array_equal(found, np.minimum(expected, 65535))
 
 
 @pytest.mark.parametrize("skipping", [False, True])
+@pytest.mark.parametrize("uneven", [0.0, 20.0])
 @pytest.mark.parametrize("open_ends", [(False, False), (True, False), (True, True)])
-def test_the_path_costs_what_it_is_said_to(skipping, open_ends) -> None:
+def test_the_path_costs_what_it_is_said_to(skipping, open_ends, uneven) -> None:
     rng = np.random.default_rng(4)
     for kind in BANDS.values() if not any(open_ends) else [bands.full_band]:
         q, x = smooth(rng, 14, 2), smooth(rng, 18, 2)
         lo, hi = kind(14, 18)
-        d = naive.matrix(
-            naive.local_costs(q, x), skipping=skipping, open_begin=open_ends[0], lo=lo, hi=hi
-        )  # fmt: skip
-        cost, path = path_of(q, x, (lo, hi), skipping=skipping, open_ends=open_ends)
+        local = naive.local_costs(q, x)
+        d = naive.matrix(local, skipping=skipping, uneven=uneven, open_begin=open_ends[0], lo=lo, hi=hi)
+        cost, path = path_of(q, x, (lo, hi), skipping=skipping, uneven=uneven, open_ends=open_ends)
         assert cost == pytest.approx(d[-1].min() if open_ends[1] else d[-1, -1])
-        assert naive.path_cost(q, x, path) == pytest.approx(cost)
         steps = np.diff(path, axis=0)
+        crooked = int((steps != 1).any(axis=1).sum())
+        assert naive.path_cost(q, x, path) + uneven * crooked == pytest.approx(cost)
         allowed = {(1, 0), (1, 1), (1, 2)} if skipping else {(1, 0), (1, 1), (0, 1)}
         assert {tuple(step) for step in steps.tolist()} <= allowed
         assert path[0, 0] == 0

@@ -153,10 +153,15 @@ def classic_subsequence(q, x, channels, column, out):
 
 
 @njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
-def skipping_subsequence(q, x, channels, columns, out):
-    """As :func:`classic_subsequence` with skipping steps; ``columns`` is (n, 2, LANES)."""
+def skipping_subsequence(q, x, channels, uneven, columns, out):
+    """As :func:`classic_subsequence` with skipping steps; ``columns`` is (n, 2, LANES).
+
+    ``uneven`` is added for each step by which the map does not go on by exactly one point: without it, a long query
+    finds a cheap crooked path nearly everywhere.
+    """
     n, c = q.shape[0], len(channels)
     k1, k2 = min(1, c - 1), min(2, c - 1)
+    dear = splat(q, uneven)
     for j in range(0, x.shape[0], 2):
         at = j * c * LANES
         on = at + c * LANES
@@ -164,9 +169,10 @@ def skipping_subsequence(q, x, channels, columns, out):
         for i in range(n):
             q0, q1, q2 = splat(q, q[i, 0]), splat(q, q[i, k1]), splat(q, q[i, k2])
             old2, old1 = load(columns, 2 * i * LANES), load(columns, (2 * i + 1) * LANES)
-            both = minimum(back1, here)
-            ahead = _matched(minimum(both, ahead), q0, q1, q2, x, on, c)
-            here = _matched(minimum(both, back2), q0, q1, q2, x, at, c)
+            crooked = add(minimum(back1, ahead), dear)
+            ahead = _matched(minimum(crooked, here), q0, q1, q2, x, on, c)
+            crooked = add(minimum(here, back2), dear)
+            here = _matched(minimum(crooked, back1), q0, q1, q2, x, at, c)
             store(columns, 2 * i * LANES, here)
             store(columns, (2 * i + 1) * LANES, ahead)
             back2, back1 = old2, old1

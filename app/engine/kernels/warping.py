@@ -9,7 +9,7 @@ HERE, DIAGONAL, SKIP, LEFT, BEGIN = 0, 1, 2, 3, 4
 
 
 @njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
-def warping_path(q, x, lo, hi, skipping, open_ends, costs, moves, path):
+def warping_path(q, x, lo, hi, skipping, uneven, open_ends, costs, moves, path):
     """Cheapest path of all of the query onto the stretch or, with open ends, onto a part of it.
 
     Parameters
@@ -18,6 +18,7 @@ def warping_path(q, x, lo, hi, skipping, open_ends, costs, moves, path):
     x : (m, channels)
     lo, hi : (n,) first and last position that each point of the query may be matched with; neither ever falls
     skipping : True for skipping steps, False for classic ones
+    uneven : added for each step that is not on the diagonal
     open_ends : (begin, end), True where the path may begin or end at any position, False where it begins with both
         first points or ends with both last ones
     costs : (2, m) scratch; row ``(n - 1) % 2`` is left with the cost by position at which the path ends
@@ -39,14 +40,14 @@ def warping_path(q, x, lo, hi, skipping, open_ends, costs, moves, path):
                 if open_ends[0] or j == 0:
                     best = 0.0
             else:
-                best, move = before[j], HERE
+                best, move = before[j] + uneven, HERE
                 # with equal costs the diagonal: a path then runs on evenly over featureless ground
                 if j > 0 and before[j - 1] <= best:
                     best, move = before[j - 1], DIAGONAL
-                if skipping and j > 1 and before[j - 2] < best:
-                    best, move = before[j - 2], SKIP
-            if not skipping and j > 0 and now[j - 1] < best:
-                best, move = now[j - 1], LEFT
+                if skipping and j > 1 and before[j - 2] + uneven < best:
+                    best, move = before[j - 2] + uneven, SKIP
+            if not skipping and j > 0 and now[j - 1] + uneven < best:
+                best, move = now[j - 1] + uneven, LEFT
             for k in range(q.shape[1]):
                 best += (q[i, k] - x[j, k]) ** 2
             now[j] = best

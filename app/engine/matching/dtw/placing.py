@@ -60,13 +60,14 @@ def warp(
     steps: Steps,
     *,
     open_ends: tuple[bool, bool] = (False, False),
+    uneven: float = 0.0,
 ) -> Warping | None:
     """Cheapest path onto a stretch of a library that begins with point ``first``; None if the band holds none."""
     n, m = len(query), len(stretch)
     path = np.empty((n + m, 2), dtype=np.int64)
     costs = np.empty((2, m))
     cost, begin = warping_path(
-        np.ascontiguousarray(query), np.ascontiguousarray(stretch), *band, steps is Steps.SKIPPING, open_ends,
+        np.ascontiguousarray(query), np.ascontiguousarray(stretch), *band, steps is Steps.SKIPPING, uneven, open_ends,
         costs, np.empty((n, m), dtype=np.int8), path,
     )  # fmt: skip
     if begin == len(path):
@@ -133,7 +134,15 @@ def sd_along_route(problem: MatchProblem, library: Library, costs: Float64Array,
 
 
 def settle(
-    raw: Float64Array, library: Library, warping: Warping, steps: Steps, *, separation_m: float, centred: bool
+    raw: Float64Array,
+    cut: int,
+    library: Library,
+    warping: Warping,
+    steps: Steps,
+    *,
+    separation_m: float,
+    centred: bool,
+    uneven: float,
 ) -> Warping:
     """The path once more on the readings themselves, less the offset that the first path shows, with both ends open.
 
@@ -144,6 +153,8 @@ def settle(
     ----------
     raw : array, shape (n, channels), uT
         Query, the readings themselves.
+    cut : int
+        Points of it that come before the first that ``warping`` is about.
     library : Library
         The map itself.
     warping : Warping
@@ -152,8 +163,10 @@ def settle(
         How far the ends may move.
     centred : bool
         Whether there is an offset to take out.
+    uneven : float, uT^2
+        Cost of a step off the diagonal.
     """
-    reach = round(separation_m / library.spacing_m)
+    reach = round(separation_m / library.spacing_m) + 2 * cut
     begin, end = int(warping.pairs[0, 1]), int(warping.pairs[-1, 1])
     low = max(begin - reach, int(library.begin[begin]))
     on_route = library.route[low : end + reach + 1] == library.route[end]
@@ -161,11 +174,11 @@ def settle(
     band = full_band(len(raw), len(stretch))
     for _ in range(_ROUNDS if centred else 1):
         i, j = warping.pairs.T
-        offset = (raw[i] - library.values[j]).mean(axis=0) if centred else np.zeros(raw.shape[1])
-        again = warp(raw - offset, stretch, low, band, steps, open_ends=(True, True))
+        offset = (raw[i + cut] - library.values[j]).mean(axis=0) if centred else np.zeros(raw.shape[1])
+        again = warp(raw - offset, stretch, low, band, steps, open_ends=(True, True), uneven=uneven)
         if again is None:
             break
-        warping = again
+        warping, cut = again, 0
     return warping
 
 

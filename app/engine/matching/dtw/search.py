@@ -108,7 +108,9 @@ def window_costs(
     return Costs(np.where(valid, total, np.inf), g == step)
 
 
-def subsequence_costs(query: Float64Array, library: Library, steps: Steps, *, deadline: Deadline) -> Costs:
+def subsequence_costs(
+    query: Float64Array, library: Library, steps: Steps, *, uneven: float, deadline: Deadline
+) -> Costs:
     """Query against all stretches that end at each point, wherever they begin.
 
     With classic steps, a stretch more than twice as long as the query may be missed.
@@ -118,21 +120,23 @@ def subsequence_costs(query: Float64Array, library: Library, steps: Steps, *, de
     query : array, shape (n, channels), uT
     library : Library
     steps : Steps
+    uneven : float, uT^2
+        Cost of a skipping step by which the route does not go on by exactly one point.
     deadline : Deadline
     """
     n, channels = query.shape
     lanes, _ = into_lanes(library.values, 2 * n, 0)
     x, q = lanes.astype(np.float32), query.astype(np.float32)
-    if steps is Steps.CLASSIC:
-        kernel, state = classic_subsequence, np.full((n, LANES), FAR["float32"])
-    else:
-        kernel, state = skipping_subsequence, np.full((n, 2, LANES), FAR["float32"])
+    state = np.full((n, LANES) if steps is Steps.CLASSIC else (n, 2, LANES), FAR["float32"])
     out = np.full((len(x), LANES), np.inf, dtype=np.float32)
     block = 2 * max(int(_BLOCK_CELLS / (2 * LANES * n * channels)), 1)
     j = 0
     while j < len(x) and not deadline.passed:
         e = min(j + block, len(x))
-        kernel(q, x[j:e], (0,) * channels, state, out[j:e])
+        if steps is Steps.CLASSIC:
+            classic_subsequence(q, x[j:e], (0,) * channels, state, out[j:e])
+        else:
+            skipping_subsequence(q, x[j:e], (0,) * channels, np.float32(uneven), state, out[j:e])
         j = e
     total = out_of_lanes(out[2 * n :].astype(np.float64), len(library))
     return Costs(np.where((library.route >= 0) & (total < FAR["float32"]), total, np.inf), j == len(x))

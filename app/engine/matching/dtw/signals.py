@@ -47,11 +47,14 @@ class Query:
     spacing_m : float, m
     index : array, shape (len(track),)
         Where the track's points lie among the query's, counted in points of the query.
+    cut : int
+        Points that the treatment left out at the beginning.
     """
 
     values: Float64Array
     spacing_m: float
     index: Float64Array
+    cut: int
 
     def __len__(self) -> int:
         return int(self.values.shape[0])
@@ -66,7 +69,7 @@ def query_of(
     resample: Resample = Resample.DISTANCE,
     speed_mps: float | None = None,
 ) -> Query | None:
-    """The profile at equal distances, as a route's is stored; None if the track is too short for four points.
+    """The profile at equal distances, as a route's is stored; None if it is made of fewer than four points.
 
     Parameters
     ----------
@@ -91,9 +94,9 @@ def query_of(
     moving = np.concatenate([[True], np.diff(axis) > 0.0])
     even = np.stack([np.interp(at, axis[moving], channel[moving]) for channel in values.T], axis=1)
     treated, cut = treatment(even)
-    if len(treated) < 4:
+    if min(len(treated), len(track)) < 4:
         return None
-    return Query(treated, spacing_m, np.clip(axis / spacing_m - cut, 0.0, len(treated) - 1.0))
+    return Query(treated, spacing_m, np.clip(axis / spacing_m - cut, 0.0, len(treated) - 1.0), cut)
 
 
 def in_route_frame(values: Float64Array, features: FeatureSet, direction: Float64Array) -> Float64Array:
@@ -145,13 +148,19 @@ def derivative(values: Float64Array) -> tuple[Float64Array, int]:
     return ((here - before) + (after - before) / 2.0) / 2.0, 1
 
 
-def high_pass(window: int) -> Treatment:
-    """Treatment that takes out the mean over ``window`` points about each, over fewer where the sequence ends."""
+def high_pass(window: int, *, whole: bool) -> Treatment:
+    """Treatment that takes out the mean over ``window`` points about each, over fewer where the sequence ends.
+
+    Near the ends of a profile that mean is one-sided, where a route's is not: unless the ``whole`` is asked for, they
+    are left out, up to a quarter of the profile at either end.
+    """
 
     def less_local_mean(values: Float64Array) -> tuple[Float64Array, int]:
         total = np.concatenate([np.zeros((1, values.shape[1])), np.cumsum(values, axis=0)])
         n, half = len(values), window // 2
         low, high = np.maximum(np.arange(n) - half, 0), np.minimum(np.arange(n) + half + 1, n)
-        return values - (total[high] - total[low]) / (high - low)[:, None], 0
+        passed = values - (total[high] - total[low]) / (high - low)[:, None]
+        cut = 0 if whole else min(half, n // 4)
+        return passed[cut : n - cut], cut
 
     return less_local_mean

@@ -8,15 +8,15 @@ import numpy as np
 
 from app.engine.errors import InputError
 from app.engine.matching.conclude import conclude
-from app.engine.matching.dtw.library import Library, library_of, routes_features, routes_spacing
-from app.engine.matching.dtw.placing import begins_in, ends_in, place, sd_along_route, settle
+from app.engine.matching.dtw.library import Library, routes_features, routes_spacing
+from app.engine.matching.dtw.placing import begins_in, ends_in
 from app.engine.matching.dtw.search import Costs, Deadline, Steps, best_places, subsequence_costs
-from app.engine.matching.dtw.signals import Centre, Query, Resample, query_of, untreated
-from app.engine.matching.dtw.subsequence import BOUNDS, POINTS, treatment_of, warp_to
+from app.engine.matching.dtw.signals import Centre, Query, Resample
+from app.engine.matching.dtw.subsequence import BOUNDS, POINTS, compared, placed
 from app.engine.matching.dtw.windows import TOO_SHORT
 from app.engine.matching.entry import Bound, MatcherEntry
 from app.engine.matching.problem import MatchProblem
-from app.engine.matching.result import Candidate, MatchResult
+from app.engine.matching.result import MatchResult
 from app.engine.types import BoolArray, FeatureSet, Float64Array
 
 _AXES = 3
@@ -70,25 +70,23 @@ class VotingDtwMatcher:
             raise InputError(
                 "features", f"three axes vote, and {features} has not got them: give vectors and their map"
             )
-        treatment = treatment_of(p.centre, p.centre_m, spacing_m)
-        both = [
-            (
-                query_of(problem, features, spacing_m, one, resample=Resample.TIME, speed_mps=p.speed_mps),
-                library_of(problem.routes, features, spacing_m, one),
-            )
-            for one in (treatment, untreated(treatment))
-        ]
-        (query, library), (raw, plain) = both
-        if query is None or library is None or raw is None or plain is None:
+        sequences = compared(
+            problem, features, spacing_m, p.centre, p.centre_m, resample=Resample.TIME, speed_mps=p.speed_mps
+        )
+        if sequences is None:
             return conclude(problem, [], evaluated=0, note=TOO_SHORT)
+        query, library = sequences.query, sequences.library
         costs = [_of_axis(query, library, k, deadline) for k in range(_AXES)]
         begins = begins_in(problem.region, library)
         reach = max(round(p.agree_m / spacing_m), 1)
-        candidates = [
-            candidate
-            for end in _elected(costs, library, ends_in(begins, len(query)), p.places, reach)
-            if (candidate := self._placed(problem, (query, raw), (library, plain), end, begins)) is not None
-        ]
+        found = [
+            placed(
+                problem, sequences, end, Steps.SKIPPING, uneven=0.0, reach_m=p.agree_m,
+                centred=p.centre is not Centre.NONE, begins=begins, aside_sd_m=p.aside_sd_m,
+            )
+            for end in _elected(costs, library, ends_in(begins, len(sequences.raw)), p.places, reach)
+        ]  # fmt: skip
+        candidates = [one for one in found if one is not None]
         return conclude(
             problem,
             candidates,
@@ -96,29 +94,6 @@ class VotingDtwMatcher:
             converged=all(one.complete for one in costs),
             note="" if candidates else DISAGREE,
         )
-
-    def _placed(
-        self,
-        problem: MatchProblem,
-        queries: tuple[Query, Query],
-        libraries: tuple[Library, Library],
-        end: int,
-        begins: BoolArray,
-    ) -> Candidate | None:
-        """The track where all three axes together put it near an elected end."""
-        p = self.parameters
-        warping = warp_to(queries[0].values, libraries[0], end, Steps.SKIPPING)
-        if warping is None:
-            return None
-        warping = settle(
-            queries[1].values, libraries[1], warping, Steps.SKIPPING,
-            separation_m=p.agree_m, centred=p.centre is not Centre.NONE,
-        )  # fmt: skip
-        if not begins[warping.pairs[0, 1]]:
-            return None
-        last = int(warping.pairs[-1, 1]) - warping.first
-        sd = sd_along_route(problem, libraries[1], warping.ends, last, warping)
-        return place(problem, queries[1], libraries[1], warping, sd, p.aside_sd_m)
 
 
 def _of_axis(query: Query, library: Library, axis: int, deadline: Deadline) -> Costs:
@@ -132,7 +107,7 @@ def _of_axis(query: Query, library: Library, axis: int, deadline: Deadline) -> C
         spacing_m=library.spacing_m,
         sd=library.sd,
     )
-    return subsequence_costs(query.values[:, [axis]], alone, Steps.SKIPPING, deadline=deadline)
+    return subsequence_costs(query.values[:, [axis]], alone, Steps.SKIPPING, uneven=0.0, deadline=deadline)
 
 
 def _elected(costs: list[Costs], library: Library, allowed: BoolArray, places: int, reach: int) -> list[int]:
