@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from app.engine.errors import InputError
-from app.engine.matching import MATCHERS, MatchProblem, MatchResult, Region
+from app.engine.matching import MATCHERS, MatchProblem, MatchResult, Region, contour_search, read_map
 from app.engine.matching.criteria import Criterion
 from app.engine.matching.magcom import Magcom, MagcomParameters
 from app.engine.matching.placements import PlacementObjective, placed
@@ -30,7 +30,8 @@ def end_error(truth: Truth, result: MatchResult) -> float:
 
 def a_walk(seed: int, features: FeatureSet = FeatureSet.VECTOR, **walk: object) -> Truth:
     rng = np.random.default_rng(seed)
-    return walk_through(field_map(rng, features=features), rng, start=(20.0, 20.0), **walk)  # type: ignore[arg-type]
+    where = {"start": (20.0, 20.0), **walk}
+    return walk_through(field_map(rng, features=features), rng, **where)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("criterion", FINDS_ALONE)
@@ -65,6 +66,38 @@ def test_rotation_and_scale_are_found(features: FeatureSet, rotations: int, scal
     assert result.matches[0].scale == pytest.approx(1.12, abs=0.01)
 
 
+def test_products_find_places_in_anomalies() -> None:
+    """Of a field that varies about zero; the strongest place nearby does not draw the answer from the right one."""
+    rng = np.random.default_rng(17)
+    grid_map = field_map(rng)
+    anomaly = replace(grid_map, mean=grid_map.mean - grid_map.mean.mean(axis=(1, 2), keepdims=True))
+    truth = walk_through(anomaly, rng, start=(20.0, 20.0), n=100, shift=(4.3, -3.1))
+    assert end_error(truth, match(truth.problem, criterion=Criterion.COR)) < 0.05
+
+
+@pytest.mark.parametrize("criterion", [Criterion.CC, Criterion.NPROD])
+def test_vectors_turn_with_the_track_by_any_criterion(criterion: Criterion) -> None:
+    truth = a_walk(18, shift=(2.0, 2.0), rotation=-0.4)
+    region = replace(truth.problem.region, heading_sd=0.2)  # type: ignore[type-var]
+    result = match(replace(truth.problem, region=region), criterion=criterion, rotations=0)
+    assert end_error(truth, result) < 0.2
+    assert result.matches[0].rotation == pytest.approx(-0.4, abs=0.01)
+
+
+def test_a_track_may_be_turned_back_onto_the_map() -> None:
+    """Near the map's right edge, going up; indicated to the right, off the map."""
+    truth = a_walk(19, start=(84.0, 0.0), n=50, turns=0.3)
+    way, heading = truth.problem.track, 0.5 * np.pi
+    x, y = 84.0 - (way.y - way.y[0]), way.x - way.x[0]  # the same walk turned by a right angle
+    values = read_map(truth.problem.grid_map, FeatureSet.VECTOR, x, y).mean
+    profile = replace(truth.problem.profile, values=values).turned(-heading)
+    region = Region(84.0, 0.0, 9.0 * np.eye(2), heading_sd=0.6, scale_sd=0.01)
+    problem = replace(truth.problem, profile=profile, region=region)
+    found = match(problem, rotations=0).matches[0]
+    assert np.hypot(found.x[-1] - x[-1], found.y[-1] - y[-1]) < 0.2
+    assert found.rotation == pytest.approx(heading, abs=0.02)
+
+
 def test_without_a_region_the_whole_map_is_searched() -> None:
     truth = a_walk(3, region_sd=None)
     away = replace(truth.problem.track, x=truth.problem.track.x + 300.0, y=truth.problem.track.y - 90.0)
@@ -87,6 +120,8 @@ def test_features_are_reduced_to_what_is_wanted_and_there() -> None:
     truth = walk_through(field_map(rng), rng, start=(20.0, 20.0), shift=(3.0, 1.0))
     assert end_error(truth, match(truth.problem, features=FeatureSet.TOTAL)) < 0.3
     assert match(replace(truth.problem, grid_map=total)).status is not Status.OK
+    fewer = replace(truth.problem, profile=truth.problem.profile.as_features(FeatureSet.HV))  # on a map of vectors
+    assert end_error(truth, match(fewer)) < 0.2
 
 
 @pytest.mark.parametrize(("dx", "dy"), [(100.0, -40.0), (3.7, 8.2)])
@@ -199,14 +234,22 @@ def test_it_is_deterministic_pickles_and_leaves_its_input_alone() -> None:
     assert pickle.dumps(truth.problem) == before
 
 
-def test_the_deadline_is_kept_and_said() -> None:
+@pytest.mark.parametrize("criterion", [Criterion.MAD, Criterion.HAUSDORFF])
+def test_the_deadline_is_kept_and_said(criterion: Criterion) -> None:
     problem = replace(a_walk(14, region_sd=10.0).problem, deadline_s=0.02)
     match(problem, rotations=5, scales=5)  # compiled
     began = time.thread_time()
-    result = match(problem, rotations=361, scales=5)
-    assert time.thread_time() - began < 0.2
+    result = match(problem, criterion=criterion, rotations=361, scales=5)
+    assert time.thread_time() - began < 0.3
     assert not result.evidence.converged
-    assert result.matches
+    assert result.evidence.evaluated > 0
+
+
+def test_bands_of_shifts_are_one_search(monkeypatch: pytest.MonkeyPatch) -> None:
+    problem = a_walk(14, region_sd=10.0).problem
+    whole = match(problem, rotations=3)
+    monkeypatch.setattr(contour_search, "_BAND", 1.0)
+    assert match(problem, rotations=3).evidence == whole.evidence
 
 
 def test_more_poses_than_can_be_tried_are_refused() -> None:

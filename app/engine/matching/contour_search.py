@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 
 from app.engine.errors import InputError
 from app.engine.kernels.contour import keep_lowest
+from app.engine.kernels.lanes_contour import ROWS
 from app.engine.matching.criteria import Criterion
 from app.engine.matching.field import features_of
 from app.engine.matching.lattice import LatticeMap
@@ -21,6 +23,8 @@ _TURN_SD, _SCALE_SD = 0.1, 0.1
 """rad, -: of the track's shape where no region says better."""
 _MOST_POSES = 2001
 _MOST_CELLS = 50_000_000
+_BAND = 3e7
+"""Readings compared between two looks at the clock."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,17 +163,25 @@ def first_search(problem: MatchProblem, profile: Profile, box: Box, p: MagcomPar
     readings = turned_vectors(values, poses[:, 0]) if turning else np.broadcast_to(values, (len(poses), *values.shape))
     tracks = lattice.points(row, column, readings)
     lowest, which = np.full((rows, columns), np.inf, dtype=np.float32), np.zeros((rows, columns), dtype=np.int64)
-    tried = 0
-    for k in range(len(poses)):
-        cost = lattice.costs(tracks[k], (rows, columns), p.criterion, centre=centres(profile, p), mapped=p.mapped)
-        keep_lowest(cost, k, lowest, which)
-        tried += 1
+    band, evaluated, complete = _band(p.criterion, len(xy), columns), 0, True
+    for k, first in product(range(len(poses)), range(0, rows, band)):
+        shape = (min(band, rows - first), columns)
+        track = tracks[k].moved(first)
+        cost = lattice.costs(track, shape, p.criterion, centre=centres(profile, p), mapped=p.mapped)
+        keep_lowest(cost, k, lowest[first : first + band], which[first : first + band])
+        evaluated += cost.size
         if time.thread_time() > until:
+            complete = evaluated == len(poses) * rows * columns
             break
     at = local_minima(lowest, p.kept)
     shift = box.low + pitch * grid_map.cell_m * at[:, ::-1]
-    placements = np.column_stack([shift, poses[which[at[:, 0], at[:, 1]]]])
-    return Found(placements, tried * rows * columns, tried == len(poses))
+    return Found(np.column_stack([shift, poses[which[at[:, 0], at[:, 1]]]]), evaluated, complete)
+
+
+def _band(criterion: Criterion, n: int, columns: int) -> int:
+    """Rows of shifts between two looks at the clock: some milliseconds of work."""
+    readings = 50 * n * n if criterion is Criterion.HAUSDORFF else n
+    return max(ROWS * int(_BAND // (ROWS * readings * columns)), ROWS)
 
 
 def _lattice(

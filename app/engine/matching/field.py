@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
 from app.engine.matching.problem import RouteMap, reduce_features
 from app.engine.types import BoolArray, FeatureSet, Float32Array, Float64Array, GridMap
+
+_reduced: WeakKeyDictionary[GridMap, dict[FeatureSet, tuple[Float32Array, Float32Array]]] = WeakKeyDictionary()
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,12 +53,23 @@ def read_map(grid_map: GridMap, features: FeatureSet, x: Float64Array, y: Float6
 
 
 def features_of(grid_map: GridMap, features: FeatureSet) -> tuple[Float32Array, Float32Array]:
-    """Mean and standard deviation of the map in features that it has or that need less, (channels, rows, columns)."""
+    """Mean and standard deviation of the map in features that it has or that need less, (channels, rows, columns).
+
+    Remembered as long as the map lives.
+    """
     if features is grid_map.features:
         return grid_map.mean, grid_map.sd
-    mean, sd = np.moveaxis(grid_map.mean, 0, -1), np.moveaxis(grid_map.sd, 0, -1)
-    reduced = reduce_features(mean.astype(np.float64), sd.astype(np.float64), grid_map.features, features)
-    return tuple(np.moveaxis(part, -1, 0).astype(np.float32) for part in reduced)  # type: ignore[return-value]
+    known = _reduced.setdefault(grid_map, {})
+    if features not in known:
+        known[features] = _reduce(grid_map, features)
+    return known[features]
+
+
+def _reduce(grid_map: GridMap, features: FeatureSet) -> tuple[Float32Array, Float32Array]:
+    mean, sd = (np.moveaxis(part, 0, -1).astype(np.float64) for part in (grid_map.mean, grid_map.sd))
+    reduced = reduce_features(mean, sd, grid_map.features, features)
+    first, second = (np.ascontiguousarray(np.moveaxis(part, -1, 0), dtype=np.float32) for part in reduced)
+    return first, second
 
 
 def route_along(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numba import config
@@ -40,6 +40,10 @@ class LatticePoints:
     def __getitem__(self, k: int) -> LatticePoints:
         """One of several tracks."""
         return LatticePoints(self.i[k], self.j[k], self.v[k], self.u[k], self.z[k])
+
+    def moved(self, rows: int) -> LatticePoints:
+        """The same, so many rows of nodes on."""
+        return replace(self, i=self.i + rows) if rows else self
 
 
 @dataclass(frozen=True, slots=True, eq=False)

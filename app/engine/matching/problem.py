@@ -205,7 +205,6 @@ class MatchProblem:
     def __post_init__(self) -> None:
         if len(self.profile) != len(self.track):
             raise InputError("profile", f"has {len(self.profile)} readings for a track of {len(self.track)} points")
-        reachable(self.profile.features, self.grid_map.features)
 
     def __len__(self) -> int:
         return len(self.track)
