@@ -129,6 +129,7 @@ def declination_figures(result: DeclinationResult) -> Figures:
         "mean_without_m": mean(without),
         "mean_m": mean(errors),
         "within_1m_without": mean(without <= NEAR_M),
+        "within_2m_without": mean(without <= 2.0 * NEAR_M),
         "within_1m": mean(errors <= NEAR_M),
         "max_without_m": largest(without),
         "max_m": largest(errors),

@@ -36,6 +36,7 @@ S3_VOTING = {"accepted": 0.9103, "bound_m": 4.65, "max_m": 4.9}
 S3_DECLINATION = {
     "heading_before_deg": 63.7, "heading_after_deg": 5.2, "heading_max_before_deg": 101.3,
     "heading_max_after_deg": 23.5, "within_1m": 0.9375, "max_m": 1.687, "max_without_m": 3.225,
+    "within_2m_without": 0.8472,
 }  # fmt: skip
 """The same, part 2."""
 
