@@ -7,7 +7,7 @@ Actuators, 2019(10). Part 1: a garage lane with a magnetometer alone (10 Hz, map
 Here part 1 runs on the laboratory (recorded, 5 Hz, all legs of its test walks and the corners between them at once) and
 on a simulated lane with the paper's map; part 2 on the laboratory's walks and on a simulated office. What the paper
 does not say and is chosen here: windows of 8 s, a lane of 60 m (8 uT, 2 m), the office's field (north 20 uT, bent by
-12 uT, 2 m: with it dead reckoning errs about as in the paper), ways of eight legs, a start known to 0.3 m.
+14 uT, 2 m: with it dead reckoning errs about as in the paper), ways of eight legs, a start known to 0.3 m.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ BOUND = 0.977
 _SPACING_M = 0.25
 _LANE_M, _LANE_SPEED, _LANE_HZ = 60.0, 1.2, 10.0
 _OFFICE_M, _OFFICE_LEGS, _OFFICE_HZ, _OFFICE_SPEED = (10.0, 5.0), 8, 10.0, 1.0
-_OFFICE_UT = 12.0
+_OFFICE_UT = 14.0
 _NOISE_UT = 0.5
 _PHONE_OFFSET_UT = 5.0
 _START_SD_M = 0.3

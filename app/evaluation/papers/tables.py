@@ -142,7 +142,7 @@ _DECLINATION_HEADER = (
 _DECLINATION_LEGEND = (
     "each pair: dead reckoning with the compass, then the method; heading: of the track over 1 m of straight way",
     "mean, <1 m, max: errors along whole tracks; <2 m: without the method",
-    "comparable with the paper: office (its size, start known; its steel is ours, such that dead reckoning errs as there)",
+    "comparable with the paper: office (its size, start known; its steel is ours: dead reckoning errs as there)",
     "not comparable: uji, a room six times as large whose map is made of other walks",
 )
 
