@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from app.engine.types import Progress
     from app.evaluation.drivers import Transport
     from app.evaluation.kaist import KaistReport
+    from app.evaluation.papers.report import PapersReport
     from app.evaluation.protocol import EvaluationOptions
     from app.evaluation.report import Report
     from app.evaluation.uji import UjiReport
@@ -171,6 +172,39 @@ def uji(
     publish(with_progress(lambda progress: run_uji(options, progress)), json_file)
 
 
+@app.command("papers")
+@reported
+def papers(
+    data: Annotated[Path, typer.Option(help="Folder that holds aero/ (s4), uji/ and kaist/ (s1; s3 needs uji/).")],
+    only: Annotated[str, typer.Option(help="Papers separated by commas: s1, s3, s4.", show_default="all of them")] = "",
+    json_file: JsonFile = None,
+    plots: Annotated[Path | None, typer.Option(help="Folder for plots of regions and of errors.")] = None,
+    tracks: Annotated[int, typer.Option(min=1, help="Tracks a region, windows a data set, simulated walks.")] = 100,
+    jobs: Annotated[int, typer.Option(min=1, help="Processes side by side.")] = 1,
+    cache: Cache = None,
+) -> None:
+    """Put the matchers through the protocols of the papers they come from, on recorded fields where there are any.
+
+    s4: contour matching over an area (Cheng, Zhou 2026) on aeromagnetic anomalies. s1: windows slid along a stored
+    sequence (Zhang 2021) on the laboratory's and the hall's walks and a simulated cart. s3: three-axis voting without
+    odometry and headings corrected by the map (Bao, Shang, Shi 2019) on the laboratory's walks, a simulated lane and a
+    simulated office. The papers' figures stand below ours, with what may be compared.
+
+    Example:  isodyn evaluate papers --data DIR --only s4 --tracks 20 --json papers.json --plots plots
+    """
+    from app.evaluation.papers.run import PapersOptions, run_papers
+
+    options = PapersOptions(
+        data=data,
+        only=tuple(name.strip() for name in only.split(",") if name.strip()),
+        tracks=tracks,
+        jobs=jobs,
+        plots=plots,
+        cache=cache,
+    )
+    publish(with_progress(lambda progress: run_papers(options, progress)), json_file)
+
+
 @app.command("plot")
 @reported
 def plot(
@@ -205,7 +239,7 @@ def with_progress(work: Callable[[Progress], R]) -> R:
         return work(lambda fraction, text: bars.update(bar, completed=fraction, text=text))
 
 
-def publish(report: Report | KaistReport | UjiReport, json_file: Path | None) -> None:
+def publish(report: Report | KaistReport | UjiReport | PapersReport, json_file: Path | None) -> None:
     """Write the report, print its table."""
     if json_file:
         json_file.parent.mkdir(parents=True, exist_ok=True)

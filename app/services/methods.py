@@ -13,6 +13,7 @@ from app.engine.types import Prior
 from app.services.errors import InvalidError
 from app.services.places import Place
 from app.services.ports import UnitOfWork
+from app.services.records import LevelMap, MapInfo
 
 AUTO = "auto"
 """Asks for a method to be chosen; the answer names it, and says why."""
@@ -69,7 +70,7 @@ def method_for(
     """
     start_known = prior is not None and prior.x is not None
     if method == AUTO:
-        maps = [uow.maps.get(one.map_id) for one in place.maps]
+        maps = list(map(_info(uow), place.maps))
         situation = Situation(
             scale=Scale(uow.venues.get(place.venue_id).kind),
             features=common_features(*(info.features for info in maps)),
@@ -85,14 +86,26 @@ def method_for(
         return ChosenMethod(method)
     if known.kind == "matcher" and place.level_id is None:
         raise InvalidError("method", f"{method} works on one level", f"send level_id, or leave the method to {AUTO}")
+    lacking = [str(info.features) for info in map(_info(uow), place.maps) if info.features not in known.features]
+    if lacking:
+        raise InvalidError(
+            "method",
+            f"{method} needs {', '.join(known.features)}, and this map has {lacking[0]}",
+            "build the map with other features, or choose another method",
+        )
     if known.needs_prior and not start_known:
         raise InvalidError(
             "prior", f"is missing: {method} searches about a known place", "send prior with x, y and radius_m"
         )
-    if known.needs_routes and not all(uow.maps.get(one.map_id).n_routes for one in place.maps):
+    if known.needs_routes and not all(info.n_routes for info in map(_info(uow), place.maps)):
         raise InvalidError(
             "method",
             f"{method} compares with survey lines, and this map has not kept any",
             "build the map anew, or choose another method",
         )
     return ChosenMethod(method)
+
+
+def _info(uow: UnitOfWork) -> Callable[[LevelMap], MapInfo]:
+    """Header of a trip's map."""
+    return lambda one: uow.maps.get(one.map_id)

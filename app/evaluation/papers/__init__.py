@@ -1,0 +1,1 @@
+"""The protocols of the papers that the matchers come from, on recorded fields."""
