@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import pickle
-import time
 from dataclasses import replace
 
 import numpy as np
@@ -40,15 +39,12 @@ def _mean_error(truth: Truth, x: np.ndarray, y: np.ndarray) -> float:
 
 
 def test_drift_stops_adding_up() -> None:
-    """Against a MAD search of the same region: a third of the error at most, an eighth of the placements, less time."""
-    inside, times = [], []
+    """Against a MAD search of the same region: a third of the error at most, an eighth of the placements."""
+    inside = []
     for seed in range(8):
         truth = drifting_flight(seed, start_sd_m=4000.0)
-        began = time.process_time()
         searched = _mad_search(truth.problem)
-        between = time.process_time()
         result = Icm().match(truth.problem)
-        times.append((between - began, time.process_time() - between))
         match = result.matches[0]
         assert result.status is Status.OK
         assert _mean_error(truth, match.x, match.y) < _mean_error(truth, searched.x, searched.y) / 3.0
@@ -57,8 +53,6 @@ def test_drift_stops_adding_up() -> None:
         inside.append(away @ np.linalg.solve(match.cov, away) < _CHI2_95)
         assert result.evidence.evaluated < 121**2 / 8
     assert sum(inside) >= 6
-    searches, matches = np.median(np.array(times[1:]), axis=0)
-    assert matches < searches
 
 
 @pytest.mark.parametrize("features", FeatureSet)

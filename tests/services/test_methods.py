@@ -45,7 +45,7 @@ def test_auto_is_resolved_and_says_why(world: World) -> None:
     assert world.services.sessions.create(level.id, DEFAULT_METHOD, {}).method_reason is None
 
 
-@pytest.mark.parametrize(("method", "field"), [("icm", "prior"), ("subsequence_dtw", "method")])
+@pytest.mark.parametrize(("method", "field"), [("declination_aided", "method"), ("subsequence_dtw", "method")])
 def test_a_method_that_cannot_serve_is_refused(world: World, method: str, field: str) -> None:
     level = world.mapped_level()
     with world.database() as uow:

@@ -2,23 +2,29 @@
 
 A search orders placements by its own criterion; whether the best of them is *right* is another question. It is
 answered here, for all methods alike: by the likelihood of the readings at each placement, with errors that are
-correlated along the track counted once, and by what the map's slope tells there.
+correlated along the track counted once, by what the map's slope tells there, and by what the rest of the region says:
+a search that never looked elsewhere cannot claim that there is nothing (:mod:`app.engine.matching.rivals`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from app.engine.matching.field import MapReading, read_map
 from app.engine.matching.problem import MatchProblem, Profile, Region, common_features
 from app.engine.matching.result import Candidate, Evidence, LocatedTrack, MatchResult
+from app.engine.matching.rivals import rival_places
 from app.engine.types import FeatureSet, Float64Array, Status
 
 _WALK_ON_M = 5.0
 _LISTED = 8
+_STEPS = 4
+_REGION_CHI2 = 16.0
+"""Places beyond four sigma of what is known before are no rivals."""
 _TURN_SD, _SCALE_SD = 0.1, 0.1
 """rad, -: of the track's shape where no region says better."""
 
@@ -46,7 +52,7 @@ class JudgementPolicy:
 
     won: float = 0.95
     listed: float = 0.8
-    settled_cells: float = 10.0
+    settled_cells: float = 6.0
     mapped: float = 0.5
     distinct_sigmas: float = 3.0
     distinct_cells: float = 4.0
@@ -72,6 +78,8 @@ class Fit:
         Of the sensor's offset.
     information : array, shape (4, 4)
         Of shift (m), turn (rad) and stretch of the whole track about its first point, were readings independent.
+    score : array, shape (4,)
+        Of the same four: what the residuals ask for.
     reading : MapReading
     """
 
@@ -82,6 +90,7 @@ class Fit:
     log_variance: float
     offset_chi2: float
     information: Float64Array
+    score: Float64Array
     reading: MapReading
 
 
@@ -113,16 +122,27 @@ def conclude(
         evidence = Evidence(evaluated, np.nan, np.nan, 0.0, np.inf, iterations, converged, note or "nothing was found")
         return MatchResult(Status.INSUFFICIENT, (), evidence, walk_on_m=_WALK_ON_M)
     features = common_features(problem.profile.features, problem.grid_map.features)
-    fits = [fit_candidate(problem, one, problem.profile.as_features(features)) for one in candidates]
+    profile = problem.profile.as_features(features)
+    fits = [fit_candidate(problem, one, profile) for one in candidates]
     best = min(fits, key=lambda fit: fit.chi2)
-    share = independent_share(best.residual / np.sqrt(best.variance))
+    share = min(independent_share(best.residual / np.sqrt(best.variance)), _share_of_map(problem, best))
     # What the best place leaves unexplained is error of some kind: without it, many readings would be sure of anything.
     inflation = max(1.0, best.chi2 / best.residual.size)
     log = np.array([_log_likelihood(problem.region, fit, share, inflation) for fit in fits])
     covs = [_covariance(problem, fit, share / inflation) for fit in fits]
     kept = _distinct(fits, covs, log, problem.grid_map.cell_m, policy)
-    weight = np.exp(log[kept] - log[kept].max())
-    weight /= weight.sum()
+    named = [(fits[i].candidate, covs[i]) for i in kept]
+    places, elsewhere = list(log[kept]), []
+    for fit, place in rival_fits(problem, profile, named, policy, share=share, inflation=inflation):
+        likelihood = _log_likelihood(problem.region, fit, share, inflation)
+        if place is None:
+            elsewhere.append(likelihood)
+        else:
+            places[place] = max(places[place], likelihood)
+    everywhere = np.array([*places, *elsewhere])
+    weight = np.exp(places - everywhere.max()) / np.exp(everywhere - everywhere.max()).sum()
+    order = np.argsort(-weight, kind="stable")
+    kept, weight = [kept[i] for i in order], weight[order]
     matches = tuple(
         _located(fits[i].candidate, covs[i], float(w)) for i, w in zip(kept[:_LISTED], weight, strict=False)
     )
@@ -173,6 +193,7 @@ def fit_candidate(problem: MatchProblem, candidate: Candidate, profile: Profile)
         log_variance=float(np.log(variance).sum()),
         offset_chi2=float((offset**2).sum() / profile.offset_sd**2) if profile.offset_sd > 0.0 else 0.0,
         information=np.einsum("nci,ncj->ij", weighted, slopes),
+        score=np.einsum("nci,nc->i", weighted, residual),
         reading=reading,
     )
 
@@ -193,6 +214,104 @@ def independent_share(standardized: Float64Array) -> float:
     along = float((centred[1:] * centred[:-1]).sum()) / power if power > 0.0 else 0.0
     rho = min(max(along, 0.0), 1.0 - 2.0 / n)
     return float((1.0 - rho) / (1.0 + rho))
+
+
+def _share_of_map(problem: MatchProblem, fit: Fit) -> float:
+    """Part of the readings that counts where the map itself errs: its errors change over the distance to its samples.
+
+    Residuals do not show this once a track has been bent to fit them. Between samples ``d`` apart, kriging errs alike
+    over about half of that, which is twice the mean distance to the nearest sample.
+    """
+    n = len(problem)
+    length_m = 2.0 * float(fit.reading.support.mean())
+    if n < 2 or length_m <= 0.0:
+        return 1.0
+    rho = float(np.exp(-problem.track.length_m / (n - 1) / length_m))
+    of_map = min(float((fit.reading.sd**2).mean() / fit.variance.mean()), 1.0)
+    return 1.0 / ((1.0 - of_map) + of_map * (1.0 + rho) / max(1.0 - rho, 1e-6))
+
+
+def rival_fits(
+    problem: MatchProblem,
+    profile: Profile,
+    known: Sequence[tuple[Candidate, Float64Array]],
+    policy: JudgementPolicy,
+    *,
+    share: float,
+    inflation: float,
+) -> list[tuple[Fit, int | None]]:
+    """The likeliest places of the region, each with the index in ``known`` of the place that it is, or None.
+
+    ``known`` are the places that the search named, with their covariances. Rivals are shifted, turned and stretched to
+    their best, as a search would have done.
+    """
+    region, cell_m = problem.region, problem.grid_map.cell_m
+    shapes = [Candidate(problem.track.x, problem.track.y, np.nan)]  # as indicated, and as the search bent it
+    if region is None or _prior_chi2(region, _begun_at(region, known[0][0])) <= _REGION_CHI2:
+        shapes.append(known[0][0])
+    found: list[tuple[Fit, int | None]] = []
+    for place in (place for shape in shapes for place in rival_places(problem, profile, shape)):
+        if region is not None and _prior_chi2(region, place) > _REGION_CHI2:
+            continue
+        fit = _settled(problem, profile, fit_candidate(problem, place, profile), share, inflation)
+        end = np.array([fit.candidate.x[-1], fit.candidate.y[-1]])
+        same = (i for i, (one, cov) in enumerate(known) if _same_place(end, one, cov, cell_m, policy))
+        found.append((fit, next(same, None)))
+    return found
+
+
+def _begun_at(region: Region, candidate: Candidate) -> Candidate:
+    """The same shape from the region's centre: what is left of its prior is that of turn and stretch."""
+    x, y = candidate.x - candidate.x[0] + region.x, candidate.y - candidate.y[0] + region.y
+    return replace(candidate, x=x, y=y)
+
+
+def _settled(problem: MatchProblem, profile: Profile, fit: Fit, share: float, inflation: float) -> Fit:
+    """A placement after some Gauss-Newton steps over shift, turn and stretch, as long as they bear fruit."""
+    log = _log_likelihood(problem.region, fit, share, inflation)
+    for _ in range(_STEPS):
+        prior, pull = _prior_terms(problem.region, fit.candidate)
+        per_reading = share / inflation
+        step = np.linalg.solve(fit.information * per_reading + prior + 1e-9 * np.eye(4), fit.score * per_reading - pull)
+        moved = fit_candidate(problem, _moved(fit.candidate, step), profile)
+        now = _log_likelihood(problem.region, moved, share, inflation)
+        if not now > log:
+            break
+        fit, log = moved, now
+    return fit
+
+
+def _moved(candidate: Candidate, step: NDArray[np.floating]) -> Candidate:
+    """The placement shifted, turned about its first point and stretched by a step of (m, m, rad, -)."""
+    turn, stretch = float(np.clip(step[2], -0.3, 0.3)), 1.0 + float(np.clip(step[3], -0.2, 0.2))
+    c, s = stretch * np.cos(turn), stretch * np.sin(turn)
+    x, y = candidate.x - candidate.x[0], candidate.y - candidate.y[0]
+    return replace(
+        candidate,
+        x=candidate.x[0] + step[0] + c * x - s * y,
+        y=candidate.y[0] + step[1] + s * x + c * y,
+        rotation=candidate.rotation + turn,
+        scale=candidate.scale * stretch,
+    )
+
+
+def _prior_terms(region: Region | None, candidate: Candidate) -> tuple[Float64Array, Float64Array]:
+    """Information (4, 4) and pull (4,) of what was known before, about shift, turn and stretch."""
+    information, pull = np.zeros((4, 4)), np.zeros(4)
+    turn_sd, scale_sd = (_TURN_SD, _SCALE_SD) if region is None else (region.heading_sd, region.scale_sd)
+    information[2, 2], information[3, 3] = max(turn_sd, 1e-6) ** -2, max(scale_sd, 1e-6) ** -2
+    pull[2:] = information[2, 2] * candidate.rotation, information[3, 3] * (candidate.scale - 1.0)
+    if region is not None:
+        information[:2, :2] = np.linalg.inv(region.cov)
+        pull[:2] = information[:2, :2] @ (candidate.x[0] - region.x, candidate.y[0] - region.y)
+    return information, pull
+
+
+def _same_place(end: Float64Array, known: Candidate, cov: Float64Array, cell_m: float, policy: JudgementPolicy) -> bool:
+    """Whether a track that ends there is the known one, give or take its uncertainty."""
+    away = end - (known.x[-1], known.y[-1])
+    near = float(np.hypot(*away)) <= policy.distinct_cells * cell_m
+    return near or float(away @ np.linalg.solve(cov, away)) <= policy.distinct_sigmas**2
 
 
 def major_axis(cov: Float64Array) -> float:
@@ -253,13 +372,8 @@ def _covariance(problem: MatchProblem, fit: Fit, per_reading: float) -> Float64A
     """
     if fit.candidate.cov is not None:
         return fit.candidate.cov
-    region, information = problem.region, fit.information * per_reading
-    prior = np.zeros((4, 4))
-    if region is not None:
-        prior[:2, :2] = np.linalg.inv(region.cov)
-    turn_sd, scale_sd = (_TURN_SD, _SCALE_SD) if region is None else (region.heading_sd, region.scale_sd)
-    prior[2, 2], prior[3, 3] = max(turn_sd, 1e-6) ** -2, max(scale_sd, 1e-6) ** -2
-    posterior = _inverse(information + prior)
+    prior, _ = _prior_terms(problem.region, fit.candidate)
+    posterior = _inverse(fit.information * per_reading + prior)
     dx, dy = fit.candidate.x[-1] - fit.candidate.x[0], fit.candidate.y[-1] - fit.candidate.y[0]
     jacobian = np.array([[1.0, 0.0, -dy, dx], [0.0, 1.0, dx, dy]])
     cov: Float64Array = jacobian @ posterior @ jacobian.T + problem.track.cov[-1] / 3.0
@@ -290,12 +404,7 @@ def _distinct(
     kept: list[int] = []
     for i in np.argsort(-log, kind="stable"):
         end = np.array([fits[i].candidate.x[-1], fits[i].candidate.y[-1]])
-        for j in kept:
-            away = end - (fits[j].candidate.x[-1], fits[j].candidate.y[-1])
-            near = float(np.hypot(*away)) <= policy.distinct_cells * cell_m
-            if near or float(away @ np.linalg.solve(covs[j], away)) <= policy.distinct_sigmas**2:
-                break
-        else:
+        if not any(_same_place(end, fits[j].candidate, covs[j], cell_m, policy) for j in kept):
             kept.append(int(i))
     return kept
 

@@ -15,7 +15,8 @@ _reduced: WeakKeyDictionary[GridMap, dict[FeatureSet, tuple[Float32Array, Float3
 
 @dataclass(frozen=True, slots=True)
 class MapReading:
-    """Map at n points: ``mean``, ``sd`` shape (n, channels), uT; ``gradient`` (n, channels, 2), uT/m; ``mapped`` (n,).
+    """Map at n points: ``mean``, ``sd`` shape (n, channels), uT; ``gradient`` (n, channels, 2), uT/m; ``mapped`` (n,);
+    ``support`` (n,), m, distance to the nearest survey sample.
 
     Outside the grid the nearest node is read and nothing is mapped.
     """
@@ -24,6 +25,7 @@ class MapReading:
     sd: Float64Array
     gradient: Float64Array
     mapped: BoolArray
+    support: Float64Array
 
 
 def read_map(grid_map: GridMap, features: FeatureSet, x: Float64Array, y: Float64Array) -> MapReading:
@@ -43,12 +45,13 @@ def read_map(grid_map: GridMap, features: FeatureSet, x: Float64Array, y: Float6
     s = [np.asarray(sd[:, a, b], dtype=np.float64) for a, b in ((r, c), (r, c1), (r1, c), (r1, c1))]
     spread = (1.0 - fv) * ((1.0 - fu) * s[0] + fu * s[1]) + fv * ((1.0 - fu) * s[2] + fu * s[3])
     inside = (u >= 0.0) & (u <= columns - 1) & (v >= 0.0) & (v <= rows - 1)
-    near = grid_map.support[np.where(fv > 0.5, r1, r), np.where(fu > 0.5, c1, c)] <= grid_map.mapped_m
+    support = grid_map.support[np.where(fv > 0.5, r1, r), np.where(fu > 0.5, c1, c)]
     return MapReading(
         mean=(low + fv * (high - low)).T,
         sd=spread.T,
         gradient=np.stack([slope_x.T, slope_y.T], axis=2),
-        mapped=inside & near,
+        mapped=inside & (support <= grid_map.mapped_m),
+        support=support.astype(np.float64),
     )
 
 

@@ -22,12 +22,15 @@ class ParticleSwarmParameters:
     budget : int
         Placements that are tried.
     particles : int
+        That fly.
     founders : float
         Part of the budget that is drawn on the first reading's contour; the best of these are the particles.
     neighbours : int
         Particles on either side in the ring whose best each one knows of; fewer keep more optima alive.
-    own, shared : float
-        Pull of a particle's own best and of its neighbourhood's; their sum must exceed 4.
+    own : float
+        Pull of a particle's own best.
+    shared : float
+        Pull of its neighbourhood's best; the sum of both must exceed 4.
     crossover : float
         Part of the particles, the worst, that are replaced in each iteration by blends of others' bests.
     """
