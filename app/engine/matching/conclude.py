@@ -52,7 +52,7 @@ class JudgementPolicy:
 
     won: float = 0.95
     listed: float = 0.8
-    settled_cells: float = 6.0
+    settled_cells: float = 8.0
     mapped: float = 0.5
     distinct_sigmas: float = 3.0
     distinct_cells: float = 4.0
