@@ -38,6 +38,7 @@ class IccpParameters:
     radius_cells : float
         How far a point looks for its contour, in cells.
     max_iterations : int
+        After which a track that has not come to rest is taken as it lies.
     settled_cells : float
         Motion of the track, in cells, below which it has come to rest.
     basin_cells : float

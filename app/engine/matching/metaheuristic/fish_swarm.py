@@ -25,6 +25,7 @@ class FishSwarmParameters:
     budget : int
         Placements that are tried.
     fish : int
+        That swim.
     founders : float
         Part of the budget that is drawn evenly; the best of these are the fish.
     visual : float

@@ -22,6 +22,7 @@ class GeneticParameters:
     budget : int
         Placements that are tried.
     population : int
+        Placements of a generation.
     founders : float
         Part of the budget that is drawn evenly before the first selection.
     tournament : int
