@@ -26,7 +26,21 @@ def test_what_is_shown_is_accepted(api: Api) -> None:
     for method in api.ok("GET", "/v1/methods")["items"]:
         parameters = {item["name"]: item["default"] for item in method["parameters"]}
         body = {"level_id": level.id, "method": method["name"], "parameters": parameters}
-        assert api.ok("POST", "/v1/sessions", json=body)["parameters"] == parameters
+        if method["needs_prior"]:
+            assert api.post("/v1/sessions", json=body).json()["errors"][0]["field"] == "prior"
+            body["prior"] = {"x": 5.0, "y": 5.0}
+        if method["needs_routes"]:  # the map of the fixture has no lines
+            assert api.post("/v1/sessions", json=body).json()["errors"][0]["field"] == "method"
+        else:
+            assert api.ok("POST", "/v1/sessions", json=body)["parameters"] == parameters
+
+
+def test_auto_says_what_it_chose_and_why(api: Api) -> None:
+    level = api.mapped_level()
+    session = api.ok("POST", "/v1/sessions", json={"level_id": level.id, "method": "auto"})
+    assert session["method"] == DEFAULT_METHOD
+    assert "indoors" in session["method_reason"]
+    assert api.ok("GET", f"/v1/sessions/{session['id']}")["method_reason"] == session["method_reason"]
 
 
 def test_unknown_method(api: Api) -> None:

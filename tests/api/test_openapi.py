@@ -28,6 +28,7 @@ from app.api.schemas import (
     venues,
 )
 from app.api.schemas import samples as sample_schemas
+from app.engine.localization.registry import METHODS
 from tests.api.harness import Api
 from tests.api.test_access import TABLE
 
@@ -191,4 +192,4 @@ def test_uploads_show_their_columns(document: dict[str, Any]) -> None:
 
 def test_methods_are_an_enum(document: dict[str, Any]) -> None:
     method = document["components"]["schemas"]["SessionIn"]["properties"]["method"]
-    assert method["enum"] == ["particle", "dead_reckoning"]
+    assert method["enum"] == [*METHODS, "auto"]
