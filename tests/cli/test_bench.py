@@ -27,7 +27,7 @@ def test_a_short_run_writes_rows_and_prints_them(tmp_path: Path) -> None:
 def test_an_unknown_task_is_named() -> None:
     result = run("bench", "kernels", "--only", "teleport")
     assert result.exit_code == 1
-    assert "no task teleport; there are magcom_mad" in result.output
+    assert "no task teleport; there are dtw_f32" in result.output
 
 
 @pytest.mark.parametrize(
