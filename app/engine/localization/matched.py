@@ -40,6 +40,8 @@ _MAX_HYPOTHESES = 5
 _SCALES = (0.6, 1.6)
 _PACE_S = 0.5
 _REACH_M = 3.0
+_WALK_ON_M = 5.0
+_CHI2_999 = 13.8
 _COVARIANCE = 1.7
 """Of a match's covariance, so that 95 % ellipses hold what they claim on left-out survey walks."""
 _ROUTES: WeakKeyDictionary[GridMap, tuple[RouteMap, ...]] = WeakKeyDictionary()
@@ -65,6 +67,10 @@ class _Session:
         Stride of this walker over the stride model's.
     cov : array, shape (2, 2), m^2
         Of the newest step's place.
+    base : array, shape (2, 2), m^2
+        Of the place where the last match, or the prior, left off.
+    since_m : float, m
+        Way from there on.
     status : Status
         Of the newest match.
     walk_on_m : float or None
@@ -79,6 +85,8 @@ class _Session:
     offset: float
     scale: float
     cov: Float64Array
+    base: Float64Array
+    since_m: float
     heading: float
     status: Status
     walk_on_m: float | None
@@ -201,6 +209,8 @@ def _begin(prior: Prior, pedestrian: PedestrianState, events: StepEvents, grid_m
         offset=heading - free,
         scale=1.0 if prior.calibration is None else prior.calibration.stride_scale,
         cov=cov,
+        base=cov,
+        since_m=0.0,
         heading=heading,
         status=Status.INSUFFICIENT,
         walk_on_m=5.0,
@@ -213,6 +223,7 @@ def _resume(session: _Session, gap_s: float, fresh: _Session) -> None:
     variance = float(np.trace(session.cov)) / 2.0 + (WALKING_M_S * gap_s) ** 2 / 4.0
     known = variance if session.window.located else np.inf
     session.cov = session.cov + (WALKING_M_S * gap_s) ** 2 / 4.0 * np.eye(2)
+    session.base, session.since_m = session.cov, 0.0
     session.window = Window.start(*session.window.here, known, fresh.window.turn_sd)
     session.offset, session.status, session.told = fresh.offset, Status.INSUFFICIENT, None
 
@@ -220,11 +231,12 @@ def _resume(session: _Session, gap_s: float, fresh: _Session) -> None:
 def _walk(session: _Session, events: StepEvents, level_id: str) -> list[Fix]:
     """Fixes of new steps by dead reckoning from the newest place on."""
     x, y = reckon(events, session.offset, session.scale, *session.window.here)
-    fixes, start = [], session.cov
-    way = np.cumsum(events.stride)
+    fixes = []
     for i in range(len(events)):
         session.heading = float(events.motion_heading[i]) + session.offset
-        session.cov = start + (_DRIFT * float(way[i])) ** 2 * np.eye(2)
+        session.since_m += float(events.stride[i])
+        # heading and stride err alike from step to step: what they add up to goes with the way, not with its root
+        session.cov = session.base + (_DRIFT * session.since_m) ** 2 * np.eye(2)
         fixes.append(_fix(session, float(events.t[i]), level_id, float(x[i]), float(y[i]), session.cov))
     session.window = session.window.walked(events, x, y)
     return fixes
@@ -245,13 +257,24 @@ def _settle(session: _Session, result: MatchResult | None, new: int, level_id: s
         places = tuple(_hypothesis(match, level_id) for match in matches[:_MAX_HYPOTHESES])
         session.told = _Told(places, _of_all(matches))
         return ()
-    session.cov = best.cov
+    if session.window.located and _beyond_belief(session, best):
+        session.status, session.walk_on_m, session.weight = Status.INSUFFICIENT, _WALK_ON_M, 0.0
+        return ()
+    session.cov = session.base = best.cov
+    session.since_m = 0.0
     _move(session, best)
     events = session.window.events
     return tuple(
         _fix(session, float(events.t[i]), level_id, float(best.x[i]), float(best.y[i]), best.cov, FixKind.FIXED_LAG)
         for i in range(max(len(events) - new, 0), len(events))
     )
+
+
+def _beyond_belief(session: _Session, best: LocatedTrack) -> bool:
+    """Whether a match lies where dead reckoning, with what it may err by, cannot have come."""
+    x, y = session.window.here
+    away = np.array([best.x[-1] - x, best.y[-1] - y])
+    return float(away @ np.linalg.solve(session.cov + best.cov, away)) > _CHI2_999
 
 
 def _move(session: _Session, best: LocatedTrack) -> None:
@@ -337,6 +360,8 @@ def _session_values(session: _Session) -> dict[str, Any]:
             session.weight,
         ],
         "cov": session.cov,
+        "base": session.base,
+        "since_m": session.since_m,
         "told": None
         if session.told is None
         else {"places": [list(astuple(one)) for one in session.told.hypotheses], "cov": session.told.cov},
@@ -356,5 +381,7 @@ def _session_from(values: dict[str, Any]) -> _Session:
         walk_on_m=walk_on_m,
         weight=weight,
         cov=values["cov"],
+        base=values["base"],
+        since_m=values["since_m"],
         told=None if told is None else _Told(tuple(Hypothesis(*one) for one in told["places"]), told["cov"]),
     )
