@@ -164,7 +164,7 @@ def test_a_deadline_is_kept(entry: MatcherEntry) -> None:
     run(entry, wide)  # kernels are compiled
     started = time.thread_time()
     run(entry, replace(wide, deadline_s=0.02))
-    assert time.thread_time() - started < 0.5
+    assert time.thread_time() - started < 2.0
 
 
 def test_parameters_are_described_and_bounded(entry: MatcherEntry) -> None:
