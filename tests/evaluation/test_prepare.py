@@ -10,7 +10,7 @@ import pytest
 
 from app.engine.errors import MapError
 from app.engine.mapping import FloorPlan
-from app.engine.types import FeatureSet, MapBuild, MapBuildSettings, RadioMap
+from app.engine.types import Evidence, FeatureSet, MapBuild, MapBuildSettings, RadioMap
 from app.evaluation import prepare
 from app.evaluation.prepare import PrepareTask, load_map, map_key, prepare_level, save_map
 from app.storage.tiles import pack_map
@@ -33,7 +33,7 @@ def built(monkeypatch: pytest.MonkeyPatch) -> list[str]:
 
     def build(level_id, walks, settings, *, plan):
         calls.append(level_id)
-        return MapBuild(flat_map(level_id), (), 1, 3.0, (1.0,))
+        return MapBuild(flat_map(level_id), (), 1, 3.0, (1.0,), Evidence.empty(FeatureSet.HV), {})
 
     monkeypatch.setattr(prepare, "build_map", build)
     monkeypatch.setattr(prepare, "engine_hash", lambda: "engine")
@@ -122,7 +122,7 @@ def test_the_plan_reaches_the_map(monkeypatch: pytest.MonkeyPatch) -> None:
 
     def build(level_id, walks, settings, *, plan):
         seen.append(plan)
-        return MapBuild(flat_map(level_id), (), 1, 3.0, (1.0,))
+        return MapBuild(flat_map(level_id), (), 1, 3.0, (1.0,), Evidence.empty(FeatureSet.HV), {})
 
     monkeypatch.setattr(prepare, "build_map", build)
     prepare_level(TASK)

@@ -13,7 +13,7 @@ from app.engine.kernels import particle
 from app.engine.kernels.attitude import level
 from app.engine.kernels.kriging import krige_blocks
 from app.engine.kernels.windows import pauta_means
-from app.engine.mapping.kriging import Covariance
+from app.engine.mapping.model import Covariance
 from tests.reference import naive
 
 LEVEL = np.array([0.25, 1.0, 4e-4, 0.02, 0.06, 1.5, 2.0])

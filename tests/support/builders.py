@@ -17,6 +17,8 @@ import numpy as np
 
 from app.engine.types import (
     DeviceCalibration,
+    Evidence,
+    EvidenceSource,
     FeatureSet,
     Fix,
     FixKind,
@@ -28,6 +30,7 @@ from app.engine.types import (
     RadioMap,
     RadioScans,
     RouteLines,
+    SourceKind,
     SpeedReadings,
     Status,
     StepCounts,
@@ -260,7 +263,17 @@ def map_build(
         for walk_id, scale in (strides or {}).items()
     )
     built = grid_map(level_id, seed=seed, plan=plan, radio=radio)
-    return MapBuild(built, reports, 12_345, 2.5, (8.0, 7.5), {"nugget": 0.5})
+    evidence = Evidence.joined(
+        [
+            Evidence.of(
+                built.features, EvidenceSource(report.walk_id, SourceKind.SURVEY), np.full((3, 2), i), np.ones((3, 2))
+            )
+            for i, report in enumerate(reports)
+            if report.rejected is None
+        ]
+    )
+    model = {"level": {"mean": [20.0, 40.0], "sd": [5.0, 6.0]}, "covariance": {"length_m": 5.0}}
+    return MapBuild(built, reports, 12_345, 2.5, (8.0, 7.5), evidence, model)
 
 
 def fix(

@@ -18,7 +18,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.ndimage import map_coordinates
 
-from app.engine.mapping.kriging import Covariance, FieldLevel, FieldSamples, krige_grid
+from app.engine.mapping.kriging import krige_grid
+from app.engine.mapping.model import Covariance, FieldLevel, FieldSamples
 from app.engine.mapping.offsets import estimate_offsets
 from app.engine.mapping.samples import PlacedSamples
 from app.engine.mapping.variogram import field_level

@@ -10,13 +10,16 @@ from scipy.spatial import cKDTree
 
 from app.engine.errors import InputError, MapError
 from app.engine.mapping.adjustment import adjust_walks
-from app.engine.mapping.kriging import FieldLevel, FieldSamples, krige_grid
+from app.engine.mapping.kriging import krige_grid
+from app.engine.mapping.model import FieldLevel, FieldSamples, MapModel
 from app.engine.mapping.offsets import WalkOffsets, estimate_offsets, no_offsets
 from app.engine.mapping.plan import FloorPlan, obstacle_depth
 from app.engine.mapping.radio import build_radio_map
 from app.engine.mapping.samples import PlacedSamples, place_samples
 from app.engine.mapping.variogram import field_level, fit_covariance, repeatability
 from app.engine.types import (
+    Evidence,
+    EvidenceSource,
     FeatureSet,
     Float32Array,
     Float64Array,
@@ -25,6 +28,7 @@ from app.engine.types import (
     MapBuildSettings,
     Progress,
     RouteLines,
+    SourceKind,
     SurveyWalk,
     WalkReport,
 )
@@ -103,12 +107,8 @@ def build_map(
         n_samples=len(samples),
         length_scale_m=covariance.length_m,
         field_sd=tuple(float(s) for s in level.sd),
-        parameters={
-            "length_m": covariance.length_m,
-            "error": covariance.error,
-            "error_length_m": covariance.error_length_m,
-            "white": covariance.white,
-        },
+        evidence=_evidence(samples, placed, settings.features),
+        model=MapModel(level, covariance).values(),
     )
 
 
@@ -116,6 +116,20 @@ def _routes(placed: Sequence[PlacedSamples]) -> RouteLines:
     """Where the survey was walked, as the walks were placed."""
     first = np.concatenate([[0], np.cumsum([len(walk) for walk in placed[:-1]])])
     return RouteLines(np.concatenate([walk.xy for walk in placed]).astype(np.float32), first.astype(np.int32))
+
+
+def _evidence(samples: FieldSamples, placed: Sequence[PlacedSamples], features: FeatureSet) -> Evidence:
+    """What the walks bring; who answers for them is not known here."""
+    n = len(samples)
+    return Evidence(
+        features=features,
+        sources=tuple(EvidenceSource(w.walk_id, SourceKind.SURVEY, t=float(w.t[0])) for w in placed),
+        source=samples.walk.astype(np.int32),
+        xy=samples.xy.astype(np.float32),
+        values=samples.values.astype(np.float32),
+        spread=np.zeros(n, np.float32),
+        weight=np.ones(n, np.float32),
+    )
 
 
 def _silent(_fraction: float, _what: str) -> None:

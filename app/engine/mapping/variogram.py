@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial import cKDTree
 
-from app.engine.mapping.kriging import Covariance, FieldLevel, FieldSamples, krige
+from app.engine.mapping.kriging import krige
+from app.engine.mapping.model import Covariance, FieldLevel, FieldSamples
 from app.engine.types import Float64Array, IntArray
 
 LENGTHS_M = (3.0, 5.0, 8.0)

@@ -13,7 +13,8 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from app.engine.geodesy import TangentPlane
-from app.engine.mapping.kriging import Covariance, FieldLevel, FieldSamples, krige, krige_grid
+from app.engine.mapping.kriging import krige, krige_grid
+from app.engine.mapping.model import Covariance, FieldLevel, FieldSamples
 from app.engine.types import FeatureSet, Float64Array, GridMap, IntArray, Progress
 from app.evaluation.datasets.aero import AeroSurvey, FlightSegment
 from app.evaluation.errors import DataSetError
