@@ -20,7 +20,7 @@ def test_a_build_is_queued_for_the_level_with_its_settings(world: World) -> None
     (claimed,) = world.services.processing.claim(5)
     spec = world.services.processing.build_spec(claimed)
     assert (spec.level_id, spec.settings) == (level.id, build.settings)
-    np.testing.assert_array_equal(spec.walks[0].samples.mag, new_walk().samples.mag)
+    np.testing.assert_array_equal(spec.walks[0].walk.samples.mag, new_walk().samples.mag)
 
 
 def test_a_build_without_walks_is_refused(world: World) -> None:

@@ -56,7 +56,7 @@ class CoverageFormat(StrEnum):
 async def build_map(body: MapIn, context: ContextDep, wait: WaitDep) -> Response:
     """Queue the building of a level's next map version; the job's `result` will name it (`map_id`)."""
     settings = MapBuildSettings(features=body.features, cell_m=body.cell_m, mapped_m=body.mapped_m, align=body.align)
-    new = NewBuild(level_id=body.level_id, settings=settings, survey_ids=body.survey_ids)
+    new = NewBuild(level_id=body.level_id, settings=settings, survey_ids=body.survey_ids, mode=body.mode)
     job = await run_in_threadpool(context.services.maps.request_build, new)
     finished = await context.broker.wait(job.id, wait.seconds) if wait.seconds else None
     return Response(
