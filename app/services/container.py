@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from app.services.accounts import AccountService
 from app.services.clock import Clock
+from app.services.contributions import ContributionService
 from app.services.devices import DeviceService
 from app.services.idempotency import IdempotencyService
 from app.services.jobs import JobService
@@ -32,6 +33,7 @@ class Services:
     devices: DeviceService
     surveys: SurveyService
     maps: MapService
+    contributions: ContributionService
     sessions: SessionService
     locate: LocateService
     trajectories: TrajectoryService
@@ -64,6 +66,7 @@ def build_services(
         devices=DeviceService(uow=uow, clock=clock),
         surveys=SurveyService(uow=uow, clock=clock),
         maps=MapService(uow=uow, clock=clock, cache=cache, listener=listener),
+        contributions=ContributionService(uow=uow, clock=clock, listener=listener),
         sessions=SessionService(
             uow=uow, clock=clock, cache=cache, listener=listener, max_queued=max_queued, check=check
         ),

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from app.services.base import DEFAULT_LIMIT, Service, check_limit
 from app.services.clock import Clock
-from app.services.device_memory import remember_if_over
 from app.services.errors import ConflictError
 from app.services.ports import JobListener, UnitOfWork, UnitOfWorkFactory
 from app.services.records import Job, JobKind, JobState, Page
+from app.services.session_end import end_if_over
 
 CANCELLED = "cancelled on request"
 
@@ -58,4 +58,4 @@ def record_segment_failure(uow: UnitOfWork, job: Job, error: str) -> None:
     if job.kind is JobKind.LOCATE_SEGMENT and job.finished_at is not None:
         session_id = str(job.subject["session_id"])
         uow.sessions.record_failure(session_id, int(job.subject["seq"]), error, job.finished_at)
-        remember_if_over(uow, session_id, job.finished_at)
+        end_if_over(uow, session_id, job.finished_at)

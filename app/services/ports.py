@@ -12,13 +12,17 @@ from contextlib import AbstractContextManager
 from datetime import datetime
 from typing import Protocol, TypeVar
 
-from app.engine.types import DeviceCalibration, Evidence, Fix, FixKind, GridMap, Progress, SurveyWalk, TrackerState
+from app.engine.types import DeviceCalibration, Evidence, FeatureSet, Fix, FixKind, GridMap, Progress, SurveyWalk, TrackerState
 from app.services.aids import Recording
 from app.services.records import (
     Anchor,
     ApiKey,
+    Contribution,
+    ContributionState,
+    ContributionVerdict,
     Device,
     DeviceMemory,
+    FieldChange,
     Job,
     JobKind,
     JobState,
@@ -180,6 +184,44 @@ class MapRepository(Protocol):
     def load(self, map_id: str) -> GridMap: ...
 
 
+class ContributionRepository(Protocol):
+    """What sessions offered to maps, and changes of the field that many of them show."""
+
+    def add(self, contribution: Contribution, rows: Evidence) -> None: ...
+    def get(self, contribution_id: str) -> Contribution: ...
+    def list(
+        self,
+        *,
+        level_id: str | None,
+        session_id: str | None,
+        contributor: str | None,
+        state: ContributionState | None,
+        cursor: str | None,
+        limit: int,
+    ) -> Page[Contribution]: ...
+    def of_session(self, session_id: str) -> Sequence[Contribution]:
+        """What a session contributed, one a level."""
+        ...
+
+    def live(self, level_id: str) -> Sequence[str]:
+        """Ids of those that are to be among the evidence of the level's map, oldest first."""
+        ...
+
+    def load(self, features: FeatureSet, ids: Sequence[str]) -> Evidence: ...
+    def decide(self, verdicts: Sequence[ContributionVerdict], now: datetime) -> None:
+        """Note what the weighing found; what a person rejected stays so."""
+        ...
+
+    def set_state(self, contribution_id: str, state: ContributionState, now: datetime) -> Contribution: ...
+    def delete(self, contribution_id: str) -> None: ...
+    def track_record(self) -> Mapping[str, tuple[int, int]]:
+        """Rows that agreed and that disagreed with independent evidence, by contributor."""
+        ...
+
+    def add_changes(self, changes: Sequence[FieldChange]) -> None: ...
+    def list_changes(self, *, level_id: str | None, cursor: str | None, limit: int) -> Page[FieldChange]: ...
+
+
 class SessionRepository(Protocol):
     """Sessions, their segments, tracker state and fixes."""
 
@@ -289,6 +331,10 @@ class JobRepository(Protocol):
         ...
 
     def count(self, *states: JobState) -> int: ...
+    def is_queued(self, order_key: str, kind: JobKind) -> bool:
+        """Whether a job of this key and kind waits that nobody has begun."""
+        ...
+
     def is_pending(self, order_key: str) -> bool:
         """Whether a job of this key is queued or running."""
         ...
@@ -324,6 +370,7 @@ class UnitOfWork(Protocol):
     devices: DeviceRepository
     surveys: SurveyRepository
     maps: MapRepository
+    contributions: ContributionRepository
     sessions: SessionRepository
     jobs: JobRepository
     keys: KeyRepository

@@ -49,6 +49,7 @@ class JobKind(StrEnum):
 
     LOCATE_SEGMENT = "locate_segment"
     BUILD_MAP = "build_map"
+    CONTRIBUTE = "contribute"
 
 
 class MapKind(StrEnum):
@@ -56,6 +57,25 @@ class MapKind(StrEnum):
 
     BUILD = "build"
     UPDATE = "update"
+
+
+class ContributionState(StrEnum):
+    """What became of what a session offered to a map.
+
+    * ``offered``: not yet weighed;
+    * ``used``: some of its rows count in the map;
+    * ``waiting``: for a second, independent contributor;
+    * ``quarantined``: it contradicts others, or physics;
+    * ``rejected``: taken out by a person;
+    * ``empty``: nothing in it was sure enough.
+    """
+
+    OFFERED = "offered"
+    USED = "used"
+    WAITING = "waiting"
+    QUARANTINED = "quarantined"
+    REJECTED = "rejected"
+    EMPTY = "empty"
 
 
 class JobState(StrEnum):
@@ -262,6 +282,84 @@ class Session:
     """Changes when the device's platform recalibrates its magnetometer; the application's word."""
     method_reason: str | None = None
     """Why this method, if it was chosen by the service."""
+    contributor: str | None = None
+    """Key that answers for what the session contributes to maps; None: it contributes nothing."""
+
+
+@dataclass(frozen=True, slots=True)
+class Contribution:
+    """What a session offers to the map of a level, and what became of it; without its rows.
+
+    Attributes
+    ----------
+    contributor : str
+        Key that opened the session.
+    map_id : str
+        Version on which the session was located.
+    n_steps, n_kept, n_rows : int
+        Steps of the session, those of them that were sure enough, and rows of evidence made of these.
+    reasons : tuple of str
+        Why steps were left out, and why the rest is in its state.
+    box : tuple of float or None
+        ``(x_min, y_min, x_max, y_max)`` of the rows, m.
+    n_agreed, n_disagreed : int
+        Rows that agreed with independent evidence, and that did not.
+    """
+
+    id: str
+    session_id: str
+    level_id: str
+    device_id: str | None
+    contributor: str
+    map_id: str
+    state: ContributionState
+    n_steps: int
+    n_kept: int
+    n_rows: int
+    reasons: tuple[str, ...]
+    box: tuple[float, float, float, float] | None
+    n_agreed: int
+    n_disagreed: int
+    created_at: datetime
+    decided_at: datetime | None
+
+
+@dataclass(frozen=True, slots=True)
+class ContributionVerdict:
+    """What the weighing of a level's evidence says of one contribution."""
+
+    id: str
+    state: ContributionState
+    reasons: tuple[str, ...]
+    n_agreed: int
+    n_disagreed: int
+
+
+@dataclass(frozen=True, slots=True)
+class FieldChange:
+    """A lasting change of the field that independent passes agree on.
+
+    Attributes
+    ----------
+    map_id : str
+        Version from which on the map shows it.
+    box : tuple of float
+        ``(x_min, y_min, x_max, y_max)``, m.
+    delta : tuple of float, uT
+        Mean change per channel.
+    after, before : datetime or None
+        It came between the last pass that agreed with the old field and the first that did not.
+    """
+
+    id: str
+    level_id: str
+    map_id: str
+    box: tuple[float, float, float, float]
+    area_m2: float
+    delta: tuple[float, ...]
+    after: datetime | None
+    before: datetime | None
+    created_at: datetime
 
 
 @dataclass(frozen=True, slots=True)

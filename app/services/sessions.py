@@ -10,7 +10,7 @@ from app.engine.types import FixKind, Prior
 from app.services.aids import Recording
 from app.services.base import DEFAULT_LIMIT, Service, check_limit, check_number_cursor
 from app.services.clock import Clock
-from app.services.device_memory import remember_if_over, starting_calibration
+from app.services.device_memory import starting_calibration
 from app.services.errors import (
     InvalidError,
     OverloadedError,
@@ -36,6 +36,7 @@ from app.services.records import (
     Session,
     SessionStatus,
 )
+from app.services.session_end import end_if_over
 
 RETRY_AFTER_S = 2.0
 
@@ -70,11 +71,13 @@ class SessionService(Service):
         device_id: str | None = None,
         map_id: str | None = None,
         calibration_epoch: str = "",
+        contributor: str | None = None,
     ) -> Session:
         """Open a session on a level, with its current map (or the named version) pinned.
 
         With ``venue_id`` instead of a level: on any level of the venue that has a map, with all of these pinned. The
-        session starts with what earlier ones taught about the device in this epoch of its magnetometer.
+        session starts with what earlier ones taught about the device in this epoch of its magnetometer. With
+        ``contributor``, the key that answers for it, what it saw is offered to the maps when it is closed.
         """
         self._check(method, parameters)
         now = self._clock()
@@ -97,6 +100,7 @@ class SessionService(Service):
                 created_at=now,
                 closed_at=None,
                 calibration_epoch=calibration_epoch,
+                contributor=contributor,
             )
             uow.sessions.add(session)
         return session
@@ -135,7 +139,7 @@ class SessionService(Service):
         now = self._clock()
         with self._uow(write=True) as uow:
             session = uow.sessions.close(session_id, now)
-            remember_if_over(uow, session_id, now)
+            end_if_over(uow, session_id, now)
         return session
 
     def accept(self, session_id: str, new: NewSegment) -> Accepted:

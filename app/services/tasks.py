@@ -7,7 +7,7 @@ results pickle.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from app.engine.mapping import FloorPlan, NewWalk
@@ -94,6 +94,12 @@ class UpdateBase:
         Plain values of the version's model.
     removed : tuple of str
         Sources to take out.
+    contributed : Evidence or None
+        Rows of sessions to add.
+    added : tuple of str
+        Ids of the contributions these are of, also of those without rows.
+    track_record : mapping
+        Rows that agreed with independent evidence, and that did not, by contributor.
     """
 
     map_id: str
@@ -102,6 +108,9 @@ class UpdateBase:
     box: tuple[float, float, float, float]
     model: Mapping[str, object]
     removed: tuple[str, ...] = ()
+    contributed: Evidence | None = None
+    added: tuple[str, ...] = ()
+    track_record: Mapping[str, tuple[int, int]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,8 +131,41 @@ class BuildResult:
     build: MapBuild
     cpu_s: float
     base: UpdateBase | None = None
+    verdicts: tuple[ContributionVerdict, ...] = ()
+    changes: tuple[FieldChange, ...] = ()
 
 
+@dataclass(frozen=True, slots=True)
+class ContributeSpec:
+    """Smooth a session and take from it what the map of its level can use."""
+
+    contribution_id: str
+    contributor: str
+    device: str
+    smooth: SmoothSpec
+    calibration: DeviceCalibration | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Offer:
+    """What a session offers to one level's map: rows (none, if nothing was sure enough) and why the rest was left out."""
+
+    level_id: str
+    evidence: Evidence
+    n_steps: int
+    n_kept: int
+    reasons: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class ContributeResult:
+    """The offers of a session."""
+
+    offers: tuple[Offer, ...]
+    cpu_s: float
+
+
+ContributeTask = Callable[[ContributeSpec, Progress], ContributeResult]
 LocateTask = Callable[[LocateSpec, Progress], LocateResult]
 SmoothTask = Callable[[SmoothSpec, Progress], SmoothResult]
 BuildTask = Callable[[BuildSpec, Progress], BuildResult]

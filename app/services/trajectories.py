@@ -34,8 +34,8 @@ class TrajectoryService(Service):
         """Smoothed fixes from all segments processed so far; the same segments give the same answer."""
         with self._uow() as uow:
             session = uow.sessions.get(session_id)
-            _check(uow, session)
-            segments = _segments(uow, session)
+            check_smoothable(uow, session)
+            segments = session_segments(uow, session)
         spec = SmoothSpec(
             method=session.method,
             parameters=session.parameters,
@@ -58,7 +58,8 @@ class TrajectoryService(Service):
             return self._executor.submit(self._task, spec, affinity=affinity).result()
 
 
-def _segments(uow: UnitOfWork, session: Session) -> tuple[Segment, ...]:
+def session_segments(uow: UnitOfWork, session: Session) -> tuple[Segment, ...]:
+    """All segments processed so far, in the level frame."""
     recordings = uow.sessions.load_segments(session.id, MAX_SEGMENTS)
     try:
         return in_level_frame(uow, session.venue_id, recordings)
@@ -66,7 +67,7 @@ def _segments(uow: UnitOfWork, session: Session) -> tuple[Segment, ...]:
         raise NotSmoothableError(error.field, error.message, error.remedy) from error
 
 
-def _check(uow: UnitOfWork, session: Session) -> None:
+def check_smoothable(uow: UnitOfWork, session: Session) -> None:
     """Refuse what the smoother cannot do before any samples are read."""
     if session.method != ParticleTracker.method:
         raise NotSmoothableError(

@@ -331,6 +331,8 @@ sessions = Table(
     Column("method_reason", String(256), nullable=True),
     # when what the session learned went into its device's memory
     _time("remembered_at", nullable=True),
+    # the key that answers for what the session contributes to maps; none: it contributes nothing
+    Column("contributor", ID, nullable=True),
     Index(None, "venue_id", "id"),
     Index(None, "level_id", "id"),
     Index(None, "device_id", "id"),
@@ -410,6 +412,52 @@ def _fixes(name: str) -> Table:
 
 fixes = _fixes("fixes")
 lagged_fixes = _fixes("lagged_fixes")
+
+contributions = Table(
+    "contributions",
+    metadata,
+    _id(),
+    _reference("session_id", "sessions.id"),
+    _reference("level_id", "levels.id"),
+    Column("device_id", ID, nullable=True),
+    Column("contributor", ID, nullable=False),
+    _reference("map_id", "maps.id"),
+    Column("state", String(16), nullable=False),
+    Column("n_steps", Integer, nullable=False),
+    Column("n_kept", Integer, nullable=False),
+    Column("n_rows", Integer, nullable=False),
+    Column("reasons", JSON, nullable=False),
+    Column("box", JSON, nullable=True),
+    Column("n_agreed", Integer, nullable=False),
+    Column("n_disagreed", Integer, nullable=False),
+    _time("created_at"),
+    _time("decided_at", nullable=True),
+    UniqueConstraint("session_id", "level_id"),
+    Index(None, "level_id", "state", "id"),
+    Index(None, "contributor", "id"),
+)
+
+contribution_rows = Table(
+    "contribution_rows",
+    metadata,
+    Column("contribution_id", ID, ForeignKey("contributions.id"), primary_key=True),
+    Column("data", LargeBinary, nullable=False),
+)
+
+field_changes = Table(
+    "field_changes",
+    metadata,
+    _id(),
+    _reference("level_id", "levels.id"),
+    _reference("map_id", "maps.id"),
+    Column("box", JSON, nullable=False),
+    _double("area_m2"),
+    Column("delta", JSON, nullable=False),
+    _time("after", nullable=True),
+    _time("before", nullable=True),
+    _time("created_at"),
+    Index(None, "level_id", "id"),
+)
 
 api_keys = Table(
     "api_keys",

@@ -5,6 +5,7 @@ from __future__ import annotations
 from sqlalchemy import Connection
 
 from app.services.ports import (
+    ContributionRepository,
     DeviceRepository,
     IdempotencyRepository,
     JobRepository,
@@ -16,6 +17,7 @@ from app.services.ports import (
     VenueRepository,
 )
 from app.services.records import Stats
+from app.storage.repositories.contributions import SqlContributionRepository
 from app.storage.repositories.devices import SqlDeviceRepository
 from app.storage.repositories.idempotency import SqlIdempotencyRepository
 from app.storage.repositories.jobs import SqlJobRepository
@@ -38,6 +40,7 @@ class SqlUnitOfWork:
         self.devices: DeviceRepository = SqlDeviceRepository(connection, writable=writable)
         self.surveys: SurveyRepository = SqlSurveyRepository(connection, writable=writable)
         self.maps: MapRepository = SqlMapRepository(connection, writable=writable)
+        self.contributions: ContributionRepository = SqlContributionRepository(connection, writable=writable)
         self.sessions: SessionRepository = SqlSessionRepository(connection, writable=writable)
         self.jobs: JobRepository = SqlJobRepository(connection, writable=writable)
         self.keys: KeyRepository = SqlKeyRepository(connection, writable=writable)

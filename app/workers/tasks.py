@@ -17,14 +17,18 @@ from app.engine.errors import InputError, MapError
 from app.engine.localization.particle import ParticleTracker
 from app.engine.localization.registry import create_tracker
 from app.engine.localization.smoothing import smooth_session
+from app.engine.mapping.crowd.contribution import contribute
 from app.engine.mapping import MapModel, build_map, update_map
-from app.engine.types import GridMap, MapBuild, Progress
+from app.engine.types import EvidenceSource, Fix, GridMap, MapBuild, Progress, SourceKind
 from app.services.tasks import (
     BuildResult,
     BuildSpec,
+    ContributeResult,
+    ContributeSpec,
     LocateResult,
     LocateSpec,
     MapRef,
+    Offer,
     SmoothResult,
     SmoothSpec,
     UpdateBase,
@@ -113,6 +117,38 @@ class SmoothSession:
         maps = SpecMaps(spec.maps, self.open_map, self.keep_maps)
         fixes = smooth_session(tracker, spec.prior, spec.segments, maps, seed=spec.seed)
         return SmoothResult(fixes=fixes, cpu_s=time.thread_time() - started)
+
+
+@dataclass(frozen=True, slots=True)
+class ContributeSession:
+    """Smooths a session and takes from it what the maps of its levels can use."""
+
+    open_map: MapOpener
+    keep_maps: int = 16
+
+    def __call__(self, spec: ContributeSpec, progress: Progress) -> ContributeResult:
+        """One offer for each level the session was sure to be on; the same spec always gives the same result."""
+        started = time.thread_time()
+        fixes = SmoothSession(self.open_map, self.keep_maps)(spec.smooth, progress).fixes
+        maps = SpecMaps(spec.smooth.maps, self.open_map, self.keep_maps)
+        told = {fix.level_id for fix in fixes}
+        levels = [level_id for level_id in maps.level_ids() if level_id in told] or list(maps.level_ids()[:1])
+        offers = tuple(self._offer(spec, i, fixes, maps.grid_map(level_id)) for i, level_id in enumerate(levels))
+        return ContributeResult(offers, cpu_s=time.thread_time() - started)
+
+    @staticmethod
+    def _offer(spec: ContributeSpec, index: int, fixes: Sequence[Fix], grid_map: GridMap) -> Offer:
+        segments = spec.smooth.segments
+        source = EvidenceSource(
+            # a session on several levels offers to each map on its own
+            id=spec.contribution_id if index == 0 else f"{spec.contribution_id}-{index}",
+            kind=SourceKind.SESSION,
+            contributor=spec.contributor,
+            device=spec.device,
+            t=float(segments[0].samples.t[0]) if segments else 0.0,
+        )
+        offered = contribute(source, fixes, segments, grid_map, calibration=spec.calibration)
+        return Offer(grid_map.level_id, offered.evidence, offered.steps, offered.kept, offered.reasons())
 
 
 @dataclass(frozen=True, slots=True)

@@ -19,7 +19,7 @@ from app.services.records import ApiKey, Job, JobKind, JobState, Scope
 
 router = api_router("jobs")
 
-SCOPE_OF: Mapping[JobKind, Scope] = {JobKind.LOCATE_SEGMENT: Scope.LOCATE, JobKind.BUILD_MAP: Scope.SURVEY}
+SCOPE_OF: Mapping[JobKind, Scope] = {JobKind.LOCATE_SEGMENT: Scope.LOCATE, JobKind.BUILD_MAP: Scope.SURVEY, JobKind.CONTRIBUTE: Scope.SURVEY}
 """Who may see and cancel a job: whoever may cause such a one."""
 
 
