@@ -2,7 +2,18 @@
 
 from app.engine.mapping.builder import build_map
 from app.engine.mapping.kriging import krige, krige_grid
-from app.engine.mapping.model import Covariance, FieldLevel, FieldSamples
+from app.engine.mapping.model import Covariance, FieldLevel, FieldSamples, MapModel, field_samples
 from app.engine.mapping.plan import FloorPlan, Polygon
 
-__all__ = ["Covariance", "FieldLevel", "FieldSamples", "FloorPlan", "Polygon", "build_map", "krige", "krige_grid"]
+__all__ = [
+    "Covariance",
+    "FieldLevel",
+    "FieldSamples",
+    "FloorPlan",
+    "MapModel",
+    "Polygon",
+    "build_map",
+    "field_samples",
+    "krige",
+    "krige_grid",
+]
