@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from app.services.base import DEFAULT_LIMIT, Service, check_limit
 from app.services.clock import Clock
 from app.services.errors import ConflictError
@@ -26,14 +28,14 @@ class JobService(Service):
 
     def list(
         self,
-        kind: JobKind | None = None,
+        kinds: Sequence[JobKind] = (),
         state: JobState | None = None,
         cursor: str | None = None,
         limit: int = DEFAULT_LIMIT,
     ) -> Page[Job]:
-        """Jobs, newest first."""
+        """Jobs, newest first; of these kinds only, when any are named."""
         with self._uow() as uow:
-            return uow.jobs.list(kind=kind, state=state, cursor=cursor, limit=check_limit(limit))
+            return uow.jobs.list(kinds=kinds, state=state, cursor=cursor, limit=check_limit(limit))
 
     def cancel(self, job_id: str) -> Job:
         """Cancel a queued or running job; a worker's later answer is dropped.

@@ -99,8 +99,8 @@ def box_of(
         points.append(np.array([[info.x0, y1], [x1, info.y0]]))
     corners = np.concatenate(points)
     reach = reach_m(MapModel.from_values(info.model)) if info.model else 0.0
-    # a square of the map is kriged as a whole, with all evidence that reaches it
-    margin = 2.0 * reach + SQUARE * info.cell_m + _DISPLACED_M
+    # weights change about what comes, squares about these are kriged as a whole, with all evidence that reaches them
+    margin = 3.0 * reach + 1.5 * SQUARE * info.cell_m + _DISPLACED_M
     (x_min, y_min), (x_max, y_max) = corners.min(axis=0) - margin, corners.max(axis=0) + margin
     return float(x_min), float(y_min), float(x_max), float(y_max)
 

@@ -12,7 +12,17 @@ from contextlib import AbstractContextManager
 from datetime import datetime
 from typing import Protocol, TypeVar
 
-from app.engine.types import DeviceCalibration, Evidence, FeatureSet, Fix, FixKind, GridMap, Progress, SurveyWalk, TrackerState
+from app.engine.types import (
+    DeviceCalibration,
+    Evidence,
+    FeatureSet,
+    Fix,
+    FixKind,
+    GridMap,
+    Progress,
+    SurveyWalk,
+    TrackerState,
+)
 from app.services.aids import Recording
 from app.services.records import (
     Anchor,
@@ -214,8 +224,8 @@ class ContributionRepository(Protocol):
 
     def set_state(self, contribution_id: str, state: ContributionState, now: datetime) -> Contribution: ...
     def delete(self, contribution_id: str) -> None: ...
-    def track_record(self) -> Mapping[str, tuple[int, int]]:
-        """Rows that agreed and that disagreed with independent evidence, by contributor."""
+    def track_record(self, *, other_than: str) -> Mapping[str, tuple[int, int]]:
+        """Places where contributors agreed with independent evidence and where not, on levels but this one."""
         ...
 
     def add_changes(self, changes: Sequence[FieldChange]) -> None: ...
@@ -299,7 +309,9 @@ class JobRepository(Protocol):
 
     def add(self, job: Job) -> None: ...
     def get(self, job_id: str) -> Job: ...
-    def list(self, *, kind: JobKind | None, state: JobState | None, cursor: str | None, limit: int) -> Page[Job]: ...
+    def list(
+        self, *, kinds: Sequence[JobKind], state: JobState | None, cursor: str | None, limit: int
+    ) -> Page[Job]: ...
     def claim(self, *, limit: int, now: datetime, kind: JobKind | None = None) -> Sequence[Job]:
         """Mark up to ``limit`` queued jobs (of one kind, if named) as running, oldest first, at most one per
         ``order_key`` and none whose key already has one running; ``attempts`` grows by one."""

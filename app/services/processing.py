@@ -22,9 +22,16 @@ from app.services.ports import MapCache, UnitOfWork, UnitOfWorkFactory
 from app.services.records import (
     Contribution,
     ContributionState,
+    Job,
+    JobKind,
+    JobState,
+    MapInfo,
+    MapKind,
+    NewBuild,
     Session,
+    SessionStatus,
 )
-from app.services.records import Job, JobKind, JobState, MapInfo, MapKind, NewBuild, SessionStatus
+from app.services.reviews import news, reputation_of, verdict_of
 from app.services.session_end import end_if_over
 from app.services.tasks import (
     BuildResult,
@@ -115,7 +122,7 @@ class ProcessingService(Service):
             removed=changes.removed,
             contributed=contributed,
             added=changes.contributions,
-            track_record=uow.contributions.track_record(),
+            reputation=reputation_of(uow.contributions.track_record(other_than=build.level_id)),
         )
         devices = uow.surveys.devices(build.level_id)
         return BuildSpec(level_id=build.level_id, walks=_owned(walks, devices), settings=build.settings, base=base)
@@ -206,8 +213,8 @@ class ProcessingService(Service):
                 remember_survey(uow, info.level_id, info.walks, now)
                 uow.maps.add(info, packed, keep=None if base is None else base.box)
                 uow.levels.set_current_map(info.level_id, info.id, now)
-                uow.contributions.decide(_verdicts(result), now)
-                uow.contributions.add_changes(_changes(result, info, now))
+                uow.contributions.decide([verdict_of(verdict) for verdict in result.verdicts], now)
+                uow.contributions.add_changes(news(uow, info, result.changes, now))
                 queue_update(uow, info.level_id, now)
             done = uow.jobs.get(job.id)
         self._shown.pop(job.id, None)
@@ -330,6 +337,7 @@ def _contribution(session: Session, offer: Offer, now: datetime) -> Contribution
         box=box,
         n_agreed=0,
         n_disagreed=0,
+        verdict="",
         created_at=now,
         decided_at=None,
     )

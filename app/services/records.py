@@ -299,11 +299,13 @@ class Contribution:
     n_steps, n_kept, n_rows : int
         Steps of the session, those of them that were sure enough, and rows of evidence made of these.
     reasons : tuple of str
-        Why steps were left out, and why the rest is in its state.
+        Why steps were left out.
     box : tuple of float or None
         ``(x_min, y_min, x_max, y_max)`` of the rows, m.
     n_agreed, n_disagreed : int
-        Rows that agreed with independent evidence, and that did not.
+        Places where independent evidence agreed, and where it did not.
+    verdict : str
+        What the weighing did with it, in words; empty before.
     """
 
     id: str
@@ -320,6 +322,7 @@ class Contribution:
     box: tuple[float, float, float, float] | None
     n_agreed: int
     n_disagreed: int
+    verdict: str
     created_at: datetime
     decided_at: datetime | None
 
@@ -330,7 +333,7 @@ class ContributionVerdict:
 
     id: str
     state: ContributionState
-    reasons: tuple[str, ...]
+    verdict: str
     n_agreed: int
     n_disagreed: int
 

@@ -11,6 +11,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from app.engine.mapping import FloorPlan, NewWalk
+from app.engine.mapping.crowd.changes import ChangeEvent
+from app.engine.mapping.crowd.weigh import Verdict
 from app.engine.types import (
     DeviceCalibration,
     Evidence,
@@ -98,8 +100,8 @@ class UpdateBase:
         Rows of sessions to add.
     added : tuple of str
         Ids of the contributions these are of, also of those without rows.
-    track_record : mapping
-        Rows that agreed with independent evidence, and that did not, by contributor.
+    reputation : mapping
+        What other levels tell of contributors, 0 to 1.
     """
 
     map_id: str
@@ -110,7 +112,7 @@ class UpdateBase:
     removed: tuple[str, ...] = ()
     contributed: Evidence | None = None
     added: tuple[str, ...] = ()
-    track_record: Mapping[str, tuple[int, int]] = field(default_factory=dict)
+    reputation: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,13 +128,14 @@ class BuildSpec:
 
 @dataclass(frozen=True, slots=True)
 class BuildResult:
-    """The built map; of an update, its evidence is that of ``base.box`` and its reports are of the new walks."""
+    """The built map; of an update, its evidence is that of ``base.box``, its reports are of the new walks, and there are
+    verdicts on all contributions in the box and changes of the field found there."""
 
     build: MapBuild
     cpu_s: float
     base: UpdateBase | None = None
-    verdicts: tuple[ContributionVerdict, ...] = ()
-    changes: tuple[FieldChange, ...] = ()
+    verdicts: tuple[Verdict, ...] = ()
+    changes: tuple[ChangeEvent, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -148,7 +151,7 @@ class ContributeSpec:
 
 @dataclass(frozen=True, slots=True)
 class Offer:
-    """What a session offers to one level's map: rows (none, if nothing was sure enough) and why the rest was left out."""
+    """What a session offers to one level's map: rows (none, if nothing was sure enough), and why not more."""
 
     level_id: str
     evidence: Evidence

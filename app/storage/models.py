@@ -430,6 +430,7 @@ contributions = Table(
     Column("box", JSON, nullable=True),
     Column("n_agreed", Integer, nullable=False),
     Column("n_disagreed", Integer, nullable=False),
+    Column("verdict", Text, nullable=False),
     _time("created_at"),
     _time("decided_at", nullable=True),
     UniqueConstraint("session_id", "level_id"),

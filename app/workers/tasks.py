@@ -17,9 +17,10 @@ from app.engine.errors import InputError, MapError
 from app.engine.localization.particle import ParticleTracker
 from app.engine.localization.registry import create_tracker
 from app.engine.localization.smoothing import smooth_session
-from app.engine.mapping.crowd.contribution import contribute
 from app.engine.mapping import MapModel, build_map, update_map
-from app.engine.types import EvidenceSource, Fix, GridMap, MapBuild, Progress, SourceKind
+from app.engine.mapping.crowd.contribution import contribute
+from app.engine.mapping.crowd.weigh import Weighed, weigh
+from app.engine.types import Evidence, EvidenceSource, Fix, GridMap, MapBuild, Progress, SourceKind
 from app.services.tasks import (
     BuildResult,
     BuildSpec,
@@ -160,8 +161,11 @@ class BuildMap:
     def __call__(self, spec: BuildSpec, progress: Progress) -> BuildResult:
         """Build; the same spec always gives the same result."""
         started = time.thread_time()
-        build = _built(spec, progress) if spec.base is None else _updated(spec, spec.base, self.open_map, progress)
-        return BuildResult(build=build, cpu_s=time.thread_time() - started, base=spec.base)
+        if spec.base is None:
+            result = BuildResult(_built(spec, progress), cpu_s=0.0)
+        else:
+            result = _updated(spec, spec.base, self.open_map, progress)
+        return replace(result, cpu_s=time.thread_time() - started)
 
 
 def _built(spec: BuildSpec, progress: Progress) -> MapBuild:
@@ -175,18 +179,26 @@ def _built(spec: BuildSpec, progress: Progress) -> MapBuild:
     return replace(build, evidence=replace(build.evidence, sources=sources))
 
 
-def _updated(spec: BuildSpec, base: UpdateBase, open_map: MapOpener, progress: Progress) -> MapBuild:
+def _updated(spec: BuildSpec, base: UpdateBase, open_map: MapOpener, progress: Progress) -> BuildResult:
     model = MapModel.from_values(base.model)
+    found: list[Weighed] = []
+
+    def weighed(evidence: Evidence) -> Evidence:
+        found.append(weigh(evidence, model=model, reputation=base.reputation))
+        return found[-1].evidence
+
     update = update_map(
         open_map(base.map.path),
         base.evidence,
         model,
         walks=spec.walks,
+        contributed=base.contributed,
         removed=base.removed,
+        weigh=weighed,
         align=bool(base.model.get("align", True)),
         progress=progress,
     )
-    return MapBuild(
+    build = MapBuild(
         grid_map=update.grid_map,
         walks=update.walks,
         n_samples=len(update.evidence) - len(base.evidence),
@@ -195,3 +207,5 @@ def _updated(spec: BuildSpec, base: UpdateBase, open_map: MapOpener, progress: P
         evidence=update.evidence,
         model=dict(base.model),
     )
+    verdicts = tuple(verdict for one in found for verdict in one.verdicts)
+    return BuildResult(build, 0.0, base, verdicts, tuple(event for one in found for event in one.changes))

@@ -1,6 +1,7 @@
 """One router a noun."""
 
 from app.api.routers import (
+    contributions,
     devices,
     health,
     jobs,
@@ -26,6 +27,7 @@ ROUTERS = (
     surveys.router,
     maps.router,
     sessions.router,
+    contributions.router,
     segments.router,
     positions.router,
     trajectories.router,

@@ -97,7 +97,8 @@ def update_map(
     current : GridMap
         Of the ``vector`` features.
     evidence : Evidence
-        What ``current`` rests on, at least all of it within twice the :func:`reach_m` of what changes.
+        What ``current`` rests on, at least all of it within three times the :func:`reach_m`, and the size of a square,
+        of what comes or goes.
     model : MapModel
         Fitted when the map was built.
     walks : sequence of NewWalk
@@ -123,7 +124,7 @@ def update_map(
     settled, reports = _settle(walks, current, align=align)
     rows = [_rows(new, one) for new, one in settled]
     joined = Evidence.joined([evidence.without(removed), *rows, *([contributed] if contributed is not None else [])])
-    weighed = joined if weigh is None else weigh(joined)
+    weighed = joined if weigh is None else _weighed_near(joined, weigh(joined), _changed_rows(evidence, joined), model)
     say(0.4, "kriging")
     changed_xy = _changed_rows(evidence, weighed)
     grown = _grown(current, weighed.xy[weighed.weight > 0.0])
@@ -171,6 +172,15 @@ def _rows(new: NewWalk, one: SettledWalk) -> Evidence:
         one.walk.walk_id, SourceKind.SURVEY, contributor=new.contributor, device=new.device, t=float(one.walk.t[0])
     )
     return Evidence.of(FeatureSet.VECTOR, source, one.walk.xy, one.field)
+
+
+def _weighed_near(joined: Evidence, weighed: Evidence, changed_xy: Float32Array, model: MapModel) -> Evidence:
+    """New weights about what came or went; further off evidence may be missing, and weights stay."""
+    if not len(changed_xy) or not len(joined):
+        return joined
+    distance, _ = cKDTree(changed_xy).query(joined.xy, distance_upper_bound=reach_m(model))
+    weight = np.where(np.isfinite(distance), weighed.weight, joined.weight)
+    return replace(joined, weight=weight.astype(np.float32))
 
 
 def _changed_rows(before: Evidence, after: Evidence) -> Float32Array:

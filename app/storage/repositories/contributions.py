@@ -85,7 +85,7 @@ class SqlContributionRepository(Repository):
             self._write(
                 statement.values(
                     state=one.state,
-                    reasons=list(one.reasons),
+                    verdict=one.verdict,
                     n_agreed=one.n_agreed,
                     n_disagreed=one.n_disagreed,
                     decided_at=now,
@@ -104,12 +104,12 @@ class SqlContributionRepository(Repository):
         statement = delete(contributions).where(contributions.c.id == contribution_id)
         expect_one(self._write(statement), "contribution", contribution_id)
 
-    def track_record(self) -> Mapping[str, tuple[int, int]]:
-        """Rows that agreed and that disagreed with independent evidence, by contributor."""
-        statement = select(
-            contributions.c.contributor, func.sum(contributions.c.n_agreed), func.sum(contributions.c.n_disagreed)
-        ).group_by(contributions.c.contributor)
-        return {row[0]: (int(row[1]), int(row[2])) for row in self._read(statement)}
+    def track_record(self, *, other_than: str) -> Mapping[str, tuple[int, int]]:
+        """Places where contributors agreed with independent evidence and where not, on levels but this one."""
+        agreed, disagreed = (func.sum(contributions.c[name]).label(name) for name in ("n_agreed", "n_disagreed"))
+        statement = select(contributions.c.contributor, agreed, disagreed).where(contributions.c.level_id != other_than)
+        rows = self._read(statement.group_by(contributions.c.contributor))
+        return {row.contributor: (int(row.n_agreed), int(row.n_disagreed)) for row in rows}
 
     def add_changes(self, changes: Sequence[FieldChange]) -> None:
         """Note changes of the field."""

@@ -66,11 +66,11 @@ class SqlJobRepository(Repository):
         """One job."""
         return _job(self._one("job", job_id, _GET, {"job": job_id}))
 
-    def list(self, *, kind: JobKind | None, state: JobState | None, cursor: str | None, limit: int) -> Page[Job]:
+    def list(self, *, kinds: Sequence[JobKind], state: JobState | None, cursor: str | None, limit: int) -> Page[Job]:
         """Jobs, newest first."""
         statement = select(jobs)
-        if kind is not None:
-            statement = statement.where(jobs.c.kind == kind)
+        if kinds:
+            statement = statement.where(jobs.c.kind.in_(kinds))
         if state is not None:
             statement = statement.where(jobs.c.state == state)
         return self._newest_first(statement, jobs.c.id, _job, cursor=cursor, limit=limit)

@@ -34,6 +34,7 @@ def upgrade() -> None:
         sa.Column("box", sa.JSON(), nullable=True),
         sa.Column("n_agreed", sa.Integer(), nullable=False),
         sa.Column("n_disagreed", sa.Integer(), nullable=False),
+        sa.Column("verdict", sa.Text(), nullable=False),
         sa.Column("created_at", sa.DateTime(timezone=True), nullable=False),
         sa.Column("decided_at", sa.DateTime(timezone=True), nullable=True),
         sa.ForeignKeyConstraint(["session_id"], ["sessions.id"], name=op.f("fk_contributions_session_id")),

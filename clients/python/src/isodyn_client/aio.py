@@ -149,6 +149,7 @@ class AsyncClient:
         device_id: str | None = None,
         map_id: str | None = None,
         calibration_epoch: str | None = None,
+        contribute: bool | None = None,
     ) -> AsyncSession:
         """Open a session: one trip of one device, on a level, or with ``venue_id`` instead on any level of a venue.
 
@@ -163,6 +164,7 @@ class AsyncClient:
             device_id=device_id,
             map_id=map_id,
             calibration_epoch=calibration_epoch,
+            contribute=contribute,
         )
         return AsyncSession(self, info)
 
@@ -204,6 +206,13 @@ class AsyncClient:
     map_field = _call(endpoints.map_field)
     map_image = _call(endpoints.map_image)
     map_coverage = _call(endpoints.map_coverage)
+
+    contributions = _list(endpoints.contributions)
+    contribution = _call(endpoints.contribution)
+    reject_contribution = _call(endpoints.reject_contribution)
+    restore_contribution = _call(endpoints.restore_contribution)
+    delete_contribution = _call(endpoints.delete_contribution)
+    field_changes = _list(endpoints.field_changes)
 
     create_session = _call(endpoints.create_session)
     session_info = _call(endpoints.session_info)

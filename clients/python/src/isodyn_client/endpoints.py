@@ -26,9 +26,11 @@ from isodyn_client.fixes import Coverage, CoverageRuns, FieldRaster, Fixes
 from isodyn_client.models import (
     Anchor,
     ApiKey,
+    Contribution,
     Device,
     Extent,
     FeatureSet,
+    FieldChange,
     FixKind,
     Job,
     JobState,
@@ -295,6 +297,52 @@ def _as_raster(response: httpx.Response) -> FieldRaster:
     return FieldRaster(values.astype(np.float32), x0, y0, cell_m)
 
 
+# Contributions of sessions to maps
+
+
+def contributions(
+    *,
+    level_id: str | None = None,
+    session_id: str | None = None,
+    contributor: str | None = None,
+    state: str | None = None,
+) -> Listing[Contribution]:
+    """What sessions offered to maps, newest first."""
+    return _list(
+        "/v1/contributions",
+        Contribution,
+        level_id=level_id,
+        session_id=session_id,
+        contributor=contributor,
+        state=state,
+    )
+
+
+def contribution(contribution_id: str) -> Call[Contribution]:
+    """One contribution."""
+    return _get(f"/v1/contributions/{contribution_id}", Contribution)
+
+
+def reject_contribution(contribution_id: str) -> Call[Contribution]:
+    """Take a contribution out of its map, whatever the weighing says of it."""
+    return Call("POST", f"/v1/contributions/{contribution_id}/reject", as_model(Contribution))
+
+
+def restore_contribution(contribution_id: str) -> Call[Contribution]:
+    """Offer a rejected contribution again."""
+    return Call("POST", f"/v1/contributions/{contribution_id}/restore", as_model(Contribution))
+
+
+def delete_contribution(contribution_id: str) -> Call[None]:
+    """Forget a contribution for good."""
+    return Call("DELETE", f"/v1/contributions/{contribution_id}", nothing)
+
+
+def field_changes(*, level_id: str | None = None) -> Listing[FieldChange]:
+    """Lasting changes of the field that independent passes agree on, newest first."""
+    return _list("/v1/changes", FieldChange, level_id=level_id)
+
+
 # Sessions
 
 
@@ -308,12 +356,14 @@ def create_session(
     device_id: str | None = None,
     map_id: str | None = None,
     calibration_epoch: str | None = None,
+    contribute: bool | None = None,
 ) -> Call[SessionInfo]:
     """Open a session: one trip of one device, on a level, or with ``venue_id`` instead on any level of a venue.
 
     Without a method the service's default is used. A session that names its device starts with what earlier ones taught
     about it. ``calibration_epoch`` is any text that changes when the platform recalibrates its magnetometer, such as a
-    hash of the hard-iron bias it reports.
+    hash of the hard-iron bias it reports. With ``contribute`` what the session saw is offered to the maps when it is
+    closed: ask whoever carries the device.
     """
     return _create(
         "/v1/sessions",
@@ -326,6 +376,7 @@ def create_session(
         device_id=device_id,
         map_id=map_id,
         calibration_epoch=calibration_epoch,
+        contribute=contribute,
     )
 
 

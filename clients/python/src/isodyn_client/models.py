@@ -279,7 +279,47 @@ class SessionInfo(Model):
     created_at: datetime
     closed_at: datetime | None = None
     calibration_epoch: str = ""
+    contributes: bool = False
     calibration: Calibration | None = None
+
+
+class Contribution(Model):
+    """What a session offered to the map of a level, and what became of it.
+
+    ``state`` is offered, used, waiting, quarantined, rejected or empty; ``reasons`` say why in words.
+    """
+
+    id: str
+    session_id: str
+    level_id: str
+    device_id: str | None = None
+    contributor: str
+    map_id: str
+    state: str
+    n_steps: int
+    n_kept: int
+    n_rows: int
+    reasons: tuple[str, ...] = ()
+    box: tuple[float, float, float, float] | None = None
+    n_agreed: int
+    n_disagreed: int
+    verdict: str = ""
+    created_at: datetime
+    decided_at: datetime | None = None
+
+
+class FieldChange(Model):
+    """A lasting change of the field: where (``box``, m), by how much per channel (``delta``, uT), between when."""
+
+    id: str
+    level_id: str
+    map_id: str
+    box: tuple[float, float, float, float]
+    area_m2: float
+    delta: tuple[float, ...]
+    after: datetime | None = None
+    before: datetime | None = None
+    created_at: datetime
 
 
 class Ellipse(Model):
