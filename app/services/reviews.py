@@ -59,18 +59,14 @@ def news(uow: UnitOfWork, info: MapInfo, events: Sequence[ChangeEvent], now: dat
 
 
 def _change(info: MapInfo, event: ChangeEvent, now: datetime) -> FieldChange:
-    cells = np.array(event.cells)
-    half = 0.5 * cells[:, 2]
-    (x_min, y_min), (x_max, y_max) = (
-        np.min(cells[:, :2] - half[:, None], axis=0),
-        np.max(cells[:, :2] + half[:, None], axis=0),
-    )
+    cells, half = np.array(event.cells), 0.5 * event.cell_m
+    (x_min, y_min), (x_max, y_max) = cells.min(axis=0) - half, cells.max(axis=0) + half
     return FieldChange(
         id=new_id("chg", now),
         level_id=info.level_id,
         map_id=info.id,
         box=(float(x_min), float(y_min), float(x_max), float(y_max)),
-        area_m2=float((cells[:, 2] ** 2).sum()),
+        area_m2=len(cells) * event.cell_m**2,
         delta=event.delta,
         after=_time(event.after_t),
         before=_time(event.before_t),
