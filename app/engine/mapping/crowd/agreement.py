@@ -34,6 +34,8 @@ class Comparison:
         Expected of it per channel.
     explained : array, shape (p,)
         Share of the field's variance that the others explain there: 0 where nobody else was.
+    others : array, shape (p,)
+        How many witnesses there are, in that of the nine cells that has most.
     surveyed : array, shape (p,), bool
         Whether a survey is among them.
     """
@@ -41,6 +43,7 @@ class Comparison:
     residual: Float64Array
     variance: Float64Array
     explained: Float64Array
+    others: IntArray
     surveyed: BoolArray
 
     @property
@@ -97,10 +100,14 @@ def compare(passes: Passes, covariance: Covariance, credit: Float64Array) -> Com
     pair = passes.witness * m + passes.cell
     keys, group = np.unique(pair, return_inverse=True)
     own = _Sums.of(passes, information, group, len(keys))
-    surveys = np.bincount(passes.cell, passes.survey & (credit > 0), m)
-    own_surveys = np.bincount(group, passes.survey & (credit > 0), len(keys))
+    heard = credit > 0
+    surveys, own_surveys = (
+        np.bincount(where, passes.survey & heard, n) for where, n in ((passes.cell, m), (group, len(keys)))
+    )
+    present = np.bincount(group, heard, len(keys)) > 0
+    witnesses = np.bincount(keys % m, present, m)
     residual, variance = np.empty_like(passes.value), np.empty(p)
-    explained, surveyed = np.empty(p), np.zeros(p, dtype=np.bool_)
+    explained, surveyed, count = np.empty(p), np.zeros(p, dtype=np.bool_), np.zeros(p, dtype=np.int64)
     for start in range(0, p, _CHUNK):
         rows = slice(start, start + _CHUNK)
         near = passes.around[passes.cell[rows]]
@@ -111,9 +118,10 @@ def compare(passes: Passes, covariance: Covariance, credit: Float64Array) -> Com
         residual[rows] = passes.value[rows] - mean
         variance[rows] = unexplained + passes.noise[rows]
         explained[rows] = 1.0 - unexplained
-        count = np.where(near >= 0, surveys[near], 0) - np.where(mine >= 0, own_surveys[mine], 0)
-        surveyed[rows] = (count > 0).any(axis=1)
-    return Comparison(residual, variance, explained, surveyed)
+        there = np.where(near >= 0, surveys[near], 0) - np.where(mine >= 0, own_surveys[mine], 0)
+        surveyed[rows] = (there > 0).any(axis=1)
+        count[rows] = (np.where(near >= 0, witnesses[near], 0) - np.where(mine >= 0, present[mine], 0)).max(axis=1)
+    return Comparison(residual, variance, explained, count, surveyed)
 
 
 def _krige(

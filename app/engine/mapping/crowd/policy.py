@@ -13,7 +13,10 @@ from types import MappingProxyType
 
 
 class CellState(StrEnum):
-    """What others than the contributor have told of a cell and of the ground next to it."""
+    """What others than the contributor have told of a cell and of the ground next to it.
+
+    ``unmapped``: nobody, or one other alone; ``crowd``: sessions of two others or more; ``surveyed``: a survey.
+    """
 
     UNMAPPED = "unmapped"
     CROWD = "crowd"
@@ -210,7 +213,8 @@ class TrustPolicy:
     reputation_prior : tuple of two floats
         Beta distribution (agreeing, disagreeing) of a contributor nobody knows.
     reputation_cells : float
-        Judged cells that a known reputation stands for.
+        Judged cells (those that err together counted once) that a known reputation stands for: three walks of a
+        minute. One good walk does not wash a bad name clean.
     reputation_cap : float
         Nobody counts for more: a contributor who has agreed for years may turn.
     reputation_floor : float
@@ -236,7 +240,7 @@ class TrustPolicy:
     bias_sds: float = 3.0
     alike_cells: float = 3.0
     reputation_prior: tuple[float, float] = (2.0, 1.0)
-    reputation_cells: float = 20.0
+    reputation_cells: float = 60.0
     reputation_cap: float = 0.95
     reputation_floor: float = 0.3
     survey_lead: float = 2.0

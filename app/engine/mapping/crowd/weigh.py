@@ -285,30 +285,26 @@ def _follow_changes(ledger: _Ledger, model: MapModel, policy: TrustPolicy) -> li
 
 def _actions(ledger: _Ledger, policy: TrustPolicy) -> np.ndarray[tuple[int], np.dtype[np.object_]]:
     """Action of the policy's table for each pass, shape (p,)."""
-    known = ledger.comparison.explained >= policy.explained
-    state = np.where(ledger.comparison.surveyed & known, _STATES[2], np.where(known, _STATES[1], _STATES[0]))
+    comparison = ledger.comparison
+    known = comparison.explained >= policy.explained
+    crowd = known & (comparison.others >= _CROWD)
+    state = np.where(comparison.surveyed & known, _STATES[2], np.where(crowd, _STATES[1], _STATES[0]))
     finding = np.where(ledger.agrees(policy), Finding.AGREES, Finding.DISAGREES).astype(object)
-    alone = ~known
-    if policy.agreement:
-        finding[alone] = Finding.ALONE
-    else:
+    finding[~known] = Finding.ALONE
+    if not policy.agreement:
         finding[:] = Finding.AGREES
     finding[ledger.new] = Finding.PERSISTS
     for source, reason in ledger.bad.items():
         physics = reason not in _BY_OTHERS
         finding[ledger.passes.source == source] = Finding.IMPLAUSIBLE if physics else Finding.DISTRUSTED
-    # a pair of rows that found one another on unmapped ground is what makes a cell of the map
-    pioneer = (finding == Finding.AGREES) & ~ledger.comparison.surveyed
-    state[pioneer & (ledger.comparison.explained < _FOUNDED)] = CellState.UNMAPPED
     return np.array([policy.table[s, f] for s, f in zip(state, finding, strict=True)], dtype=object)
 
 
 _CAPPED = 1.5
 """Times the misfit that disagrees: more than this one cell adds nothing to the doubt of its source."""
 _STATES = np.array([CellState.UNMAPPED, CellState.CROWD, CellState.SURVEYED], dtype=object)
-_FOUNDED = 0.5
-"""Of the field's variance, explained by others: about what two independent walks bring, from which on a cell is the
-crowd's and further ones refine it."""
+_CROWD = 2
+"""Others who make a cell the crowd's; with one other alone it is new."""
 
 
 def _weights(ledger: _Ledger, actions: np.ndarray, policy: TrustPolicy) -> Float64Array:
