@@ -1,16 +1,16 @@
 """From a located session to evidence for the map: where it was sure of its place, what it read there.
 
-Positions are those of the smoothed fixes, so they err: by how much their covariance says, and the evidence carries it as
-``spread``. Nothing here makes a position a truth; the map raises the variance of a row by what a displacement of that
-spread changes the field. What a session read is corrected for its device in two ways: by what earlier sessions taught
-of it, and by comparing the session with the map it was located on, for hard iron differs from day to day and the angle
+Positions are those of the smoothed fixes, so they err: by how much their covariance says, and the evidence carries it
+as ``spread``. Nothing here makes a position a truth; the map raises the variance of a row by what a displacement of
+that spread changes the field. What a session read is corrected for its device in two ways: by what earlier sessions
+taught of it, and by comparing the session with the map it was located on, for hard iron differs from day to day and the angle
 at which a phone is carried from walk to walk.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 
 import numpy as np
@@ -24,7 +24,6 @@ from app.engine.mapping.crowd.lookup import read_field
 from app.engine.mapping.crowd.offsets import OffsetPrior, SessionOffset, fit_offset
 from app.engine.mapping.samples import WINDOW_S, PlacedSamples
 from app.engine.types import (
-    BoolArray,
     DeviceCalibration,
     Evidence,
     EvidenceSource,
@@ -105,7 +104,7 @@ class ContributionPolicy:
     min_steps: int = 10
     min_mapped: float = 0.3
     adjust: bool = True
-    adjustment: AdjustmentPolicy = AdjustmentPolicy()
+    adjustment: AdjustmentPolicy = field(default_factory=AdjustmentPolicy)
 
 
 @dataclass(frozen=True, slots=True)
@@ -300,8 +299,3 @@ def _others(grid_map: GridMap, xy: Float64Array) -> OthersMap:
     there = read_field(grid_map, np.stack([xx.ravel(), yy.ravel()], axis=1))
     mean, sd = (v.T.reshape(-1, *xx.shape) for v in (there.mean, there.sd))
     return OthersMap(float(lo[0]), float(lo[1]), mean, sd, np.array(grid_map.noise_sd))
-
-
-def confident(fixes: Sequence[Fix], level_id: str, policy: ContributionPolicy | None = None) -> BoolArray:
-    """Which steps of a session would be contributed as far as their own claims go, shape (n,)."""
-    return np.asarray(_omissions(fixes, level_id, policy or ContributionPolicy()) == "", dtype=np.bool_)

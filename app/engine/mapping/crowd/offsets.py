@@ -38,7 +38,7 @@ class OffsetPrior:
 
 @dataclass(frozen=True, slots=True)
 class SessionOffset:
-    """Hard iron (uT: forward, left, up), turn from the direction of motion to the device (rad), both with deviations."""
+    """Hard iron (uT: forward, left, up) and turn from the direction of motion to the device (rad), with deviations."""
 
     hard_iron: tuple[float, float, float]
     turn: float
@@ -89,9 +89,7 @@ def _without_turn(prior: OffsetPrior) -> SessionOffset:
     return SessionOffset((f, left, up), 0.0, (sf, sl, su), prior.turn_sd)
 
 
-def _linearized(
-    placed: PlacedSamples, there: FieldThere, state: Float64Array
-) -> tuple[Float64Array, Float64Array]:
+def _linearized(placed: PlacedSamples, there: FieldThere, state: Float64Array) -> tuple[Float64Array, Float64Array]:
     """Residual map - session (n, 3) and the session's field by (hard iron, turn), shape (n, 3, 4)."""
     heading = placed.heading + state[3]
     field = to_features(rotate_horizontal(placed.mag - state[:3], heading), FeatureSet.VECTOR)
