@@ -1,7 +1,7 @@
 """Magnetic maps: placing survey walks, aligning them, kriging the field."""
 
 from app.engine.mapping.builder import build_map
-from app.engine.mapping.kriging import krige, krige_grid
+from app.engine.mapping.kriging import krige, krige_grid, krige_nodes
 from app.engine.mapping.model import Covariance, FieldLevel, FieldSamples, MapModel, field_samples
 from app.engine.mapping.plan import FloorPlan, Polygon
 
@@ -16,4 +16,5 @@ __all__ = [
     "field_samples",
     "krige",
     "krige_grid",
+    "krige_nodes",
 ]
