@@ -9,7 +9,7 @@ from datetime import datetime
 import numpy as np
 
 from app.engine.mapping import MapModel, reach_m
-from app.engine.mapping.update import SQUARE
+from app.engine.mapping.kriging import LARGEST_BLOCK
 from app.engine.types import Evidence, FeatureSet, Float64Array, SurveyWalk
 from app.services.ids import new_id
 from app.services.ports import Box, UnitOfWork
@@ -19,6 +19,7 @@ MAX_CONTRIBUTIONS = 500
 """Contributions of one update: it stays short, and the next takes the rest."""
 _DISPLACED_M = 5.0
 """Further than this no walk is moved from its labels."""
+_BLOCKS = 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,8 +100,8 @@ def box_of(
         points.append(np.array([[info.x0, y1], [x1, info.y0]]))
     corners = np.concatenate(points)
     reach = reach_m(MapModel.from_values(info.model)) if info.model else 0.0
-    # weights change about what comes, squares about these are kriged as a whole, with all evidence that reaches them
-    margin = 3.0 * reach + 1.5 * SQUARE * info.cell_m + _DISPLACED_M
+    # weights change about what comes, nodes about these are kriged, from all evidence that reaches them
+    margin = 3.0 * reach + _BLOCKS * LARGEST_BLOCK * info.cell_m + _DISPLACED_M
     (x_min, y_min), (x_max, y_max) = corners.min(axis=0) - margin, corners.max(axis=0) + margin
     return float(x_min), float(y_min), float(x_max), float(y_max)
 

@@ -128,8 +128,8 @@ class BuildSpec:
 
 @dataclass(frozen=True, slots=True)
 class BuildResult:
-    """The built map; of an update, its evidence is that of ``base.box``, its reports are of the new walks, and there are
-    verdicts on all contributions in the box and changes of the field found there."""
+    """The built map. Of an update: the evidence is that of ``base.box``, reports are of the new walks, and there are
+    verdicts on contributions in the box and changes of the field there."""
 
     build: MapBuild
     cpu_s: float

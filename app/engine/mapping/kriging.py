@@ -22,7 +22,7 @@ _MUCH_ERROR = 0.1
 """from this variance on, in sills."""
 _BLOCK_LENGTHS = 1.4
 """Side of a block in lengths of the field's fine part: a neighbourhood serves the whole block."""
-_LARGEST_BLOCK = 8
+LARGEST_BLOCK = 8
 """Nodes per block side."""
 _CHUNK = 256
 """Blocks between two calls of the progress function, about a tenth of a second."""
@@ -150,7 +150,7 @@ def _blocks(
     """Order of nodes by block, and the blocks."""
     step_x, step_y = _spacing(x), _spacing(y)
     length = covariance.fine_length_m if covariance.fine > 0 else covariance.length_m
-    side = int(np.clip(_BLOCK_LENGTHS * length / max(step_x, step_y), 1, _LARGEST_BLOCK))
+    side = int(np.clip(_BLOCK_LENGTHS * length / max(step_x, step_y), 1, LARGEST_BLOCK))
     # counted from the origin: all grids of a level share their lattice
     first_row, first_column = round(float(y[0]) / step_y), round(float(x[0]) / step_x)
     r, c = (row + first_row) // side, (column + first_column) // side
