@@ -20,6 +20,7 @@ from app.services.surveys import SurveyService
 from app.services.tasks import LocateTask, SmoothTask
 from app.services.trajectories import TrajectoryService
 from app.services.venues import VenueService
+from app.services.versions import VersionService
 
 DEFAULT_MAX_QUEUED = 10_000
 
@@ -32,6 +33,7 @@ class Services:
     devices: DeviceService
     surveys: SurveyService
     maps: MapService
+    versions: VersionService
     sessions: SessionService
     locate: LocateService
     trajectories: TrajectoryService
@@ -64,6 +66,7 @@ def build_services(
         devices=DeviceService(uow=uow, clock=clock),
         surveys=SurveyService(uow=uow, clock=clock),
         maps=MapService(uow=uow, clock=clock, cache=cache, listener=listener),
+        versions=VersionService(uow=uow, clock=clock, cache=cache),
         sessions=SessionService(
             uow=uow, clock=clock, cache=cache, listener=listener, max_queued=max_queued, check=check
         ),

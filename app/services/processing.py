@@ -17,6 +17,7 @@ from app.services.jobs import record_segment_failure
 from app.services.level_frame import in_level_frame
 from app.services.map_refs import MapRefs
 from app.services.ports import MapCache, UnitOfWork, UnitOfWorkFactory
+from app.services.publishing import BUILT, publish
 from app.services.records import Job, JobKind, JobState, MapInfo, SessionStatus
 from app.services.tasks import BuildResult, BuildSpec, LocateResult, LocateSpec
 
@@ -103,7 +104,7 @@ class ProcessingService(Service):
             return uow.jobs.get(job.id)
 
     def complete_build(self, job: Job, result: BuildResult, build_s: float) -> Job:
-        """Store the map as the level's next version and make it the current one; its walks teach their devices."""
+        """Store the map as the level's next version; publish it unless it is a draft. Its walks teach their devices."""
         now = self._clock()
         grid_map = result.build.grid_map
         with self._uow() as uow:
@@ -116,7 +117,10 @@ class ProcessingService(Service):
             if finished:
                 remember_survey(uow, info.level_id, info.walks, now)
                 uow.maps.add(info, packed)
-                uow.levels.set_current_map(info.level_id, info.id, now)
+                uow.maps.finish_build(job.id, info.id)
+                order = uow.maps.get_build(job.id)
+                if order.publish:
+                    publish(uow, info, now, key_id=order.key_id, note=BUILT)
             done = uow.jobs.get(job.id)
         self._shown.pop(job.id, None)
         if finished:

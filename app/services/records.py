@@ -13,6 +13,7 @@ from enum import StrEnum
 from typing import Generic, TypeVar
 
 from app.engine.geodesy import TangentPlane
+from app.engine.mapping.diff import DiffSummary
 from app.engine.types import (
     DeviceCalibration,
     FeatureSet,
@@ -21,6 +22,7 @@ from app.engine.types import (
     MapBuildSettings,
     Prior,
     RadioScans,
+    SourceKind,
     WalkReport,
     Waypoints,
 )
@@ -225,6 +227,78 @@ class LevelMap:
 
 
 @dataclass(frozen=True, slots=True)
+class Publication:
+    """A map version became the one that new sessions on its level use.
+
+    ``from_map_id`` is the one before, None for a level's first; ``key_id`` says who published it, None if the service
+    did so without being asked.
+    """
+
+    id: str
+    level_id: str
+    map_id: str
+    from_map_id: str | None
+    key_id: str | None
+    note: str
+    created_at: datetime
+
+
+@dataclass(frozen=True, slots=True)
+class MapSource:
+    """Who contributed to a map version.
+
+    ``n_samples`` counts the placed field samples it brought, None where that was not noted; ``rejected`` says why it
+    was left out, if it was.
+    """
+
+    id: str
+    kind: SourceKind
+    survey_id: str | None
+    device_id: str | None
+    n_samples: int | None
+    rejected: str | None
+
+
+@dataclass(frozen=True, slots=True)
+class TileCounts:
+    """Tiles of a version by content: shared with the other one, new in it, and of the other one only."""
+
+    shared: int
+    new: int
+    gone: int
+
+
+@dataclass(frozen=True, slots=True)
+class Change(Generic[T]):
+    """What came and what went."""
+
+    added: tuple[T, ...]
+    removed: tuple[T, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class SettingChange:
+    """A setting in which two builds differ."""
+
+    name: str
+    now: object
+    then: object
+
+
+@dataclass(frozen=True, slots=True)
+class VersionDiff:
+    """What differs between a version and another one of its level; ``sources`` are ids of those in use."""
+
+    map_id: str
+    against: str
+    identical: bool
+    field: DiffSummary
+    tiles: TileCounts
+    sources: Change[str]
+    settings: tuple[SettingChange, ...]
+
+
+@dataclass(frozen=True, slots=True)
 class Session:
     """One trip of one device.
 
@@ -356,6 +430,10 @@ class NewBuild:
     level_id: str
     settings: MapBuildSettings = field(default_factory=MapBuildSettings)
     survey_ids: tuple[str, ...] = ()
+    publish: bool = True
+    """Whether new sessions use the version as soon as it is built; a draft waits to be published."""
+    key_id: str | None = None
+    """Who asked for it."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from datetime import datetime
 
@@ -69,17 +69,19 @@ class SessionService(Service):
         venue_id: str | None = None,
         device_id: str | None = None,
         map_id: str | None = None,
+        map_ids: Sequence[str] = (),
         calibration_epoch: str = "",
     ) -> Session:
         """Open a session on a level, with its current map (or the named version) pinned.
 
-        With ``venue_id`` instead of a level: on any level of the venue that has a map, with all of these pinned. The
-        session starts with what earlier ones taught about the device in this epoch of its magnetometer.
+        With ``venue_id`` instead of a level: on any level of the venue that has a map, with all of these pinned;
+        ``map_ids`` are versions to pin in place of current ones. The session starts with what earlier ones taught about
+        the device in this epoch of its magnetometer.
         """
         self._check(method, parameters)
         now = self._clock()
         with self._uow(write=True) as uow:
-            place = choose_place(uow, level_id, venue_id, map_id)
+            place = choose_place(uow, level_id, venue_id, map_id, map_ids)
             chosen = method_for(uow, place, method, prior)
             calibration = starting_calibration(uow, device_id, calibration_epoch)
             session = Session(

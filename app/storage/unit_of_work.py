@@ -11,6 +11,7 @@ from app.services.ports import (
     KeyRepository,
     LevelRepository,
     MapRepository,
+    PublicationRepository,
     SessionRepository,
     SurveyRepository,
     VenueRepository,
@@ -22,6 +23,7 @@ from app.storage.repositories.jobs import SqlJobRepository
 from app.storage.repositories.keys import SqlKeyRepository
 from app.storage.repositories.levels import SqlLevelRepository
 from app.storage.repositories.maps import SqlMapRepository
+from app.storage.repositories.publications import SqlPublicationRepository
 from app.storage.repositories.sessions import SqlSessionRepository
 from app.storage.repositories.stats import read_stats
 from app.storage.repositories.surveys import SqlSurveyRepository
@@ -38,6 +40,7 @@ class SqlUnitOfWork:
         self.devices: DeviceRepository = SqlDeviceRepository(connection, writable=writable)
         self.surveys: SurveyRepository = SqlSurveyRepository(connection, writable=writable)
         self.maps: MapRepository = SqlMapRepository(connection, writable=writable)
+        self.publications: PublicationRepository = SqlPublicationRepository(connection, writable=writable)
         self.sessions: SessionRepository = SqlSessionRepository(connection, writable=writable)
         self.jobs: JobRepository = SqlJobRepository(connection, writable=writable)
         self.keys: KeyRepository = SqlKeyRepository(connection, writable=writable)

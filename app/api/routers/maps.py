@@ -214,11 +214,4 @@ def get_coverage(
 
 
 def _place(grid: GridMap) -> dict[str, str]:
-    rows, columns = grid.shape
-    return {
-        "X-Isodyn-Rows": str(rows),
-        "X-Isodyn-Columns": str(columns),
-        "X-Isodyn-X0": repr(float(grid.x0)),
-        "X-Isodyn-Y0": repr(float(grid.y0)),
-        "X-Isodyn-Cell-M": repr(float(grid.cell_m)),
-    }
+    return rendering.place_headers(grid.shape, grid.x0, grid.y0, grid.cell_m)

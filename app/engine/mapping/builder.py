@@ -143,7 +143,7 @@ def _place_all(walks: Sequence[SurveyWalk], say: Progress) -> tuple[list[PlacedS
         try:
             placed.append(place_samples(walk))
         except InputError as error:
-            rejected.append(WalkReport(walk.walk_id, 0, 0.0, (), 0.0, rejected=str(error)))
+            rejected.append(WalkReport(walk.walk_id, 0, 0.0, (), 0.0, rejected=str(error), n_samples=0))
         say(0.2 * ((i + 1) / len(walks)), "placing walks")
     return placed, rejected
 
@@ -210,5 +210,6 @@ def _reports(
             offset=tuple(float(v) for v in offsets.hard_iron[i]),
             residual_rms=float(np.sqrt((own**2).mean())),
             stride_scale=walk.stride_scale,
+            n_samples=len(walk),
         )
     return tuple(by_id[walk.walk_id] for walk in walks)

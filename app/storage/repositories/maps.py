@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from collections.abc import Set as AbstractSet
 from dataclasses import asdict
 from typing import Any
 
-from sqlalchemy import Row, Table, func, insert, select
+from sqlalchemy import Row, Table, func, insert, select, update
 
 from app.engine.types import FeatureSet, GridMap, MapBuildSettings, WalkReport
 from app.services.records import MapInfo, NewBuild, PackedLayer, PackedMap, PackedTile, Page
@@ -38,17 +39,34 @@ class SqlMapRepository(Repository):
 
     def add_build(self, job_id: str, build: NewBuild) -> None:
         """Note what a build job is to build."""
-        settings = asdict(build.settings)
         self._write(
             insert(map_builds).values(
-                job_id=job_id, level_id=build.level_id, settings=settings, survey_ids=list(build.survey_ids)
+                job_id=job_id,
+                level_id=build.level_id,
+                settings=asdict(build.settings),
+                survey_ids=list(build.survey_ids),
+                publish=build.publish,
+                key_id=build.key_id,
             )
         )
 
     def get_build(self, job_id: str) -> NewBuild:
         """What a build job is to build."""
-        row = self._one("map build", job_id, select(map_builds).where(map_builds.c.job_id == job_id))
-        return NewBuild(row.level_id, _settings(row.settings), tuple(row.survey_ids))
+        return _build(self._one("map build", job_id, select(map_builds).where(map_builds.c.job_id == job_id)))
+
+    def finish_build(self, job_id: str, map_id: str) -> None:
+        """Note which map came of a build."""
+        self._write(update(map_builds).where(map_builds.c.job_id == job_id).values(map_id=map_id))
+
+    def build_of(self, map_id: str) -> NewBuild | None:
+        """The build that a map came of; None for those of before this was noted, and for maps that were not built."""
+        row = self._read(select(map_builds).where(map_builds.c.map_id == map_id)).one_or_none()
+        return None if row is None else _build(row)
+
+    def tile_hashes(self, map_id: str) -> Sequence[str]:
+        """Content hashes of a map's tiles, row by row."""
+        ordered = select(map_tiles.c.tile_hash).order_by(map_tiles.c.row, map_tiles.c.column)
+        return self._read(ordered.where(map_tiles.c.map_id == map_id)).scalars().all()
 
     def pack(self, grid_map: GridMap) -> PackedMap:
         """Cut into tiles, compress and hash; touches no table."""
@@ -115,6 +133,12 @@ class SqlMapRepository(Repository):
             chunk = ordered[start : start + _KNOWN_CHUNK]
             known.update(self._read(select(tiles.c.hash).where(tiles.c.hash.in_(chunk))).scalars())
         return known
+
+
+def _build(row: Row[Any]) -> NewBuild:
+    return NewBuild(
+        row.level_id, _settings(row.settings), tuple(row.survey_ids), publish=row.publish, key_id=row.key_id
+    )
 
 
 def _settings(stored: dict[str, Any]) -> MapBuildSettings:

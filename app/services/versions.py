@@ -1,0 +1,148 @@
+"""Versions of a level's map: which one is published and was before, who contributed to it, what changed."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+
+from app.engine.errors import InputError
+from app.engine.mapping.diff import LEAST_UT, MapDifference, diff_maps
+from app.engine.types import SourceKind
+from app.services.base import DEFAULT_LIMIT, Service, check_limit, check_number_cursor
+from app.services.clock import Clock
+from app.services.errors import InvalidError
+from app.services.map_refs import MapRefs
+from app.services.ports import MapCache, UnitOfWork, UnitOfWorkFactory
+from app.services.publishing import publish
+from app.services.records import (
+    Change,
+    MapInfo,
+    MapSource,
+    NewBuild,
+    Page,
+    Publication,
+    SettingChange,
+    TileCounts,
+    VersionDiff,
+    Walk,
+)
+
+
+class VersionService(Service):
+    """Publish versions and compare them."""
+
+    def __init__(self, *, uow: UnitOfWorkFactory, clock: Clock, cache: MapCache) -> None:
+        super().__init__(uow=uow, clock=clock)
+        self._refs = MapRefs(uow=uow, cache=cache)
+
+    def publish(self, level_id: str, map_id: str, *, key_id: str | None = None, note: str = "") -> Publication:
+        """Make a version the one that new sessions on the level use; an older one too: that is rolling back.
+
+        Sessions that are open stay on the version they were opened with. Publishing what is current changes nothing.
+        """
+        now = self._clock()
+        with self._uow(write=True) as uow:
+            uow.levels.get(level_id)
+            info = uow.maps.get(map_id)
+            if info.level_id != level_id:
+                raise InvalidError(
+                    "map_id", f"map {map_id} is of another level", f"name a map of level {level_id}: GET /v1/maps"
+                )
+            return publish(uow, info, now, key_id=key_id, note=note)
+
+    def publications(self, level_id: str, cursor: str | None = None, limit: int = DEFAULT_LIMIT) -> Page[Publication]:
+        """What was published on a level, newest first."""
+        with self._uow() as uow:
+            uow.levels.get(level_id)
+            return uow.publications.list(level_id, cursor=cursor, limit=check_limit(limit))
+
+    def sources(self, map_id: str, cursor: str | None = None, limit: int = DEFAULT_LIMIT) -> Page[MapSource]:
+        """Who contributed to a version, in the order of its evidence; the cursor counts them.
+
+        Survey and device are those of the walk as it is stored now; a walk deleted since has none.
+        """
+        reports = self._refs.info(map_id).walks
+        first = int(check_number_cursor(cursor) or 0)
+        last = first + check_limit(limit)
+        shown = reports[first:last]
+        with self._uow() as uow:
+            walks = uow.surveys.find_walks([report.walk_id for report in shown])
+        items = (
+            _source(report.walk_id, walks.get(report.walk_id), report.n_samples, report.rejected) for report in shown
+        )
+        return Page(tuple(items), str(last) if last < len(reports) else None)
+
+    def compared(self, map_id: str, against: str | None = None) -> tuple[MapInfo, MapInfo]:
+        """The version and the one it is compared with: its parent, unless one is named."""
+        info = self._refs.info(map_id)
+        other = info.parent_id if against is None else against
+        if other is None:
+            raise InvalidError("against", f"is missing, and map {map_id} has no parent", _remedy(info))
+        then = self._refs.info(other)
+        if then.level_id != info.level_id:
+            raise InvalidError("against", f"map {other} is of another level", _remedy(info))
+        return info, then
+
+    def difference(self, now: MapInfo, then: MapInfo) -> MapDifference:
+        """Two versions side by side; InvalidError if their nodes do not coincide."""
+        try:
+            return diff_maps(self._refs.grid(now.id), self._refs.grid(then.id))
+        except InputError as error:
+            raise InvalidError("against", str(error), _remedy(now)) from error
+
+    def diff(self, map_id: str, against: str | None = None, *, least_ut: float = LEAST_UT) -> VersionDiff:
+        """What a version changed against its parent (or the named one), in numbers."""
+        now, then = self.compared(map_id, against)
+        summary = self.difference(now, then).summary(least_ut)
+        with self._uow() as uow:
+            tiles, settings = _tiles(uow, now, then), _settings(uow, now, then)
+        walks, before = _accepted(now), _accepted(then)
+        return VersionDiff(
+            map_id=now.id,
+            against=then.id,
+            identical=now.hash == then.hash,
+            field=summary,
+            tiles=tiles,
+            sources=Change(tuple(w for w in walks if w not in before), tuple(w for w in before if w not in walks)),
+            settings=settings,
+        )
+
+
+def _remedy(info: MapInfo) -> str:
+    return f"name a version of level {info.level_id} with a cell_m of {info.cell_m:g}: GET /v1/maps?level_id="
+
+
+def _source(walk_id: str, walk: Walk | None, n_samples: int | None, rejected: str | None) -> MapSource:
+    return MapSource(
+        id=walk_id,
+        kind=SourceKind.SURVEY,
+        survey_id=None if walk is None else walk.survey_id,
+        device_id=None if walk is None else walk.device_id,
+        n_samples=n_samples,
+        rejected=rejected,
+    )
+
+
+def _accepted(info: MapInfo) -> dict[str, None]:
+    """Ids of the sources that a version rests on, in their order."""
+    return {report.walk_id: None for report in info.walks if report.rejected is None}
+
+
+def _tiles(uow: UnitOfWork, now: MapInfo, then: MapInfo) -> TileCounts:
+    own, other = (uow.maps.tile_hashes(info.id) for info in (now, then))
+    known, kept = set(other), set(own)
+    shared = sum(one in known for one in own)
+    return TileCounts(shared=shared, new=len(own) - shared, gone=sum(one not in kept for one in other))
+
+
+def _settings(uow: UnitOfWork, now: MapInfo, then: MapInfo) -> tuple[SettingChange, ...]:
+    """Settings that differ; of versions whose order is not known, those that the maps show themselves."""
+    values, before = (_settings_of(info, uow.maps.build_of(info.id)) for info in (now, then))
+    both = [name for name in values if name in before]
+    return tuple(SettingChange(name, values[name], before[name]) for name in both if values[name] != before[name])
+
+
+def _settings_of(info: MapInfo, build: NewBuild | None) -> dict[str, object]:
+    shown: dict[str, object] = {"features": info.features.value, "cell_m": info.cell_m, "mapped_m": info.mapped_m}
+    if build is None:
+        return shown
+    return asdict(build.settings) | shown | {"survey_ids": build.survey_ids}
