@@ -118,6 +118,11 @@ def place_headers(shape: tuple[int, int], x0: float, y0: float, cell_m: float) -
     }
 
 
+def legend(shown: ColourRange) -> dict[str, str]:
+    """What the colours mean: headers beside an image."""
+    return {"X-Isodyn-Low": f"{shown.low:.6g}", "X-Isodyn-High": f"{shown.high:.6g}"}
+
+
 def coverage_png(mapped: BoolArray) -> bytes:
     """Opaque where mapped, transparent elsewhere, row 0 at the bottom."""
     pixels = np.zeros((*mapped.shape, 4), dtype=np.uint8)

@@ -18,6 +18,7 @@ from app.engine.types import (
     DeviceCalibration,
     FeatureSet,
     Fix,
+    Float32Array,
     ImuSamples,
     MapBuildSettings,
     Prior,
@@ -296,6 +297,16 @@ class VersionDiff:
     tiles: TileCounts
     sources: Change[str]
     settings: tuple[SettingChange, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ChangeRaster:
+    """One value a node, shape (rows, columns); node ``[0, 0]`` lies at (x0, y0), nodes are ``cell_m`` apart."""
+
+    values: Float32Array
+    x0: float
+    y0: float
+    cell_m: float
 
 
 @dataclass(frozen=True, slots=True)

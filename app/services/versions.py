@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict
 
 from app.engine.errors import InputError
-from app.engine.mapping.diff import LEAST_UT, MapDifference, diff_maps
+from app.engine.mapping.diff import COMPONENTS, LEAST_UT, Component, MapDifference, diff_maps
 from app.engine.types import SourceKind
 from app.services.base import DEFAULT_LIMIT, Service, check_limit, check_number_cursor
 from app.services.clock import Clock
@@ -15,6 +15,7 @@ from app.services.ports import MapCache, UnitOfWork, UnitOfWorkFactory
 from app.services.publishing import publish
 from app.services.records import (
     Change,
+    ChangeRaster,
     MapInfo,
     MapSource,
     NewBuild,
@@ -88,6 +89,16 @@ class VersionService(Service):
             return diff_maps(self._refs.grid(now.id), self._refs.grid(then.id))
         except InputError as error:
             raise InvalidError("against", str(error), _remedy(now)) from error
+
+    def change(self, now: MapInfo, then: MapInfo, component: Component, *, significance: bool) -> ChangeRaster:
+        """Change of a component, or its significance, on the nodes of both versions; NaN where one is not mapped."""
+        difference = self.difference(now, then)
+        if component not in COMPONENTS[difference.features]:
+            shown = ", ".join(COMPONENTS[difference.features])
+            message = f"versions compared as {difference.features!s} do not tell {component!s}"
+            raise InvalidError("component", message, f"choose one of: {shown}")
+        values = difference.significance(component) if significance else difference.change(component)
+        return ChangeRaster(values, difference.x0, difference.y0, difference.cell_m)
 
     def diff(self, map_id: str, against: str | None = None, *, least_ut: float = LEAST_UT) -> VersionDiff:
         """What a version changed against its parent (or the named one), in numbers."""

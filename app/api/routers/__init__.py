@@ -16,6 +16,7 @@ from app.api.routers import (
     surveys,
     trajectories,
     venues,
+    versions,
 )
 
 ROUTERS = (
@@ -25,6 +26,7 @@ ROUTERS = (
     devices.router,
     surveys.router,
     maps.router,
+    versions.router,
     sessions.router,
     segments.router,
     positions.router,
