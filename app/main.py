@@ -28,7 +28,7 @@ from app.workers.kinds import build_work, segment_work
 from app.workers.pools import InlineExecutor, ThreadExecutor
 from app.workers.processes import ProcessExecutor
 from app.workers.runner import JobRunner, Lane
-from app.workers.tasks import LocateSegment, SmoothSession, build_level_map
+from app.workers.tasks import LocateSegment, ReplaySession, SmoothSession, build_level_map
 
 Pool = InlineExecutor | ThreadExecutor | ProcessExecutor
 
@@ -86,6 +86,7 @@ class Application:
             listener=events,
             locate_task=locate,
             smooth_task=SmoothSession(open_map, settings.maps_per_worker),
+            replay_task=ReplaySession(open_map, settings.maps_per_worker),
             max_queued=settings.max_queued_jobs,
         )
         self.runner = self._make_runner(events, locate)

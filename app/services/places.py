@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from app.engine.types import Prior
@@ -45,8 +45,7 @@ def choose_place(
     NoMapError
         There is no map to use.
     """
-    if map_id is not None and map_ids:
-        raise InvalidError("map_ids", "is sent beside map_id", "send one of the two: map_ids may name one map")
+    named = named_maps(map_id, map_ids)
     if venue_id is None:
         if level_id is None:
             raise InvalidError(
@@ -54,13 +53,12 @@ def choose_place(
             )
         if len(map_ids) > 1:
             raise InvalidError("map_ids", f"names {len(map_ids)} maps for one level", "name one map of the level")
-        named = NamedMap("map_id", map_id) if map_id is not None else next(_named(map_ids), None)
-        return _on_level(uow, level_id, named)
+        return _on_level(uow, level_id, named[0] if named else None)
     if level_id is not None:
         raise InvalidError("venue_id", "is sent beside level_id", "send one of the two: a level is of one venue")
     if map_id is not None:
         raise InvalidError("map_id", "is a map of one level", "send the level_id, or map_ids, one a level")
-    return _in_venue(uow, venue_id, map_ids)
+    return _in_venue(uow, venue_id, named)
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,8 +69,13 @@ class NamedMap:
     map_id: str
 
 
-def _named(map_ids: Sequence[str]) -> Iterator[NamedMap]:
-    return (NamedMap(f"map_ids.{i}", map_id) for i, map_id in enumerate(map_ids))
+def named_maps(map_id: str | None, map_ids: Sequence[str]) -> tuple[NamedMap, ...]:
+    """The maps that a request names, in one of the two ways; InvalidError if in both."""
+    if map_id is None:
+        return tuple(NamedMap(f"map_ids.{i}", one) for i, one in enumerate(map_ids))
+    if map_ids:
+        raise InvalidError("map_ids", "is sent beside map_id", "send one of the two: map_ids may name one map")
+    return (NamedMap("map_id", map_id),)
 
 
 def _on_level(uow: UnitOfWork, level_id: str, named: NamedMap | None) -> Place:
@@ -86,26 +89,23 @@ def _on_level(uow: UnitOfWork, level_id: str, named: NamedMap | None) -> Place:
     return Place(level.venue_id, level_id, (LevelMap(level_id, named.map_id),))
 
 
-def chosen_maps(uow: UnitOfWork, venue_id: str, map_ids: Sequence[str]) -> dict[str, str]:
+def chosen_maps(uow: UnitOfWork, venue_id: str, named: Sequence[NamedMap]) -> dict[str, str]:
     """The named maps by level; InvalidError unless each is of another level of the venue."""
     chosen: dict[str, str] = {}
-    for named in _named(map_ids):
-        level_id = uow.maps.get(named.map_id).level_id
+    for one in named:
+        level_id = uow.maps.get(one.map_id).level_id
         if uow.levels.get(level_id).venue_id != venue_id:
-            raise InvalidError(
-                named.field, f"map {named.map_id} is of another venue", f"name maps of levels of venue {venue_id}"
-            )
+            remedy = f"name maps of levels of venue {venue_id}"
+            raise InvalidError(one.field, f"map {one.map_id} is of another venue", remedy)
         if level_id in chosen:
-            raise InvalidError(
-                named.field, f"is the second map of level {level_id}", "name at most one map of each level"
-            )
-        chosen[level_id] = named.map_id
+            raise InvalidError(one.field, f"is the second map of level {level_id}", "name at most one of each level")
+        chosen[level_id] = one.map_id
     return chosen
 
 
-def _in_venue(uow: UnitOfWork, venue_id: str, map_ids: Sequence[str]) -> Place:
+def _in_venue(uow: UnitOfWork, venue_id: str, named: Sequence[NamedMap]) -> Place:
     uow.venues.get(venue_id)
-    maps = with_maps(uow, uow.levels.current_maps(venue_id, limit=MAX_LEVELS + 1), chosen_maps(uow, venue_id, map_ids))
+    maps = with_maps(uow, uow.levels.current_maps(venue_id, limit=MAX_LEVELS + 1), chosen_maps(uow, venue_id, named))
     if not maps:
         raise NoMapError(venue_id=venue_id)
     if len(maps) > MAX_LEVELS:

@@ -13,6 +13,7 @@ from enum import StrEnum
 from typing import Generic, TypeVar
 
 from app.engine.geodesy import TangentPlane
+from app.engine.localization.comparison import FixComparison
 from app.engine.mapping.diff import DiffSummary
 from app.engine.types import (
     DeviceCalibration,
@@ -400,6 +401,19 @@ class Trajectory:
     maps: tuple[LevelMap, ...]
     method: str
     fixes: tuple[Fix, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Replay:
+    """A session's fixes on other maps, and how they compare with those that were told then."""
+
+    session_id: str
+    level_id: str | None
+    maps: tuple[LevelMap, ...]
+    maps_then: tuple[LevelMap, ...]
+    method: str
+    fixes: tuple[Fix, ...]
+    comparison: FixComparison
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,8 +18,18 @@ from app.engine.localization.particle import ParticleTracker
 from app.engine.localization.registry import create_tracker
 from app.engine.localization.smoothing import smooth_session
 from app.engine.mapping import build_map
-from app.engine.types import GridMap, Progress
-from app.services.tasks import BuildResult, BuildSpec, LocateResult, LocateSpec, MapRef, SmoothResult, SmoothSpec
+from app.engine.types import Fix, GridMap, Progress
+from app.services.tasks import (
+    BuildResult,
+    BuildSpec,
+    LocateResult,
+    LocateSpec,
+    MapRef,
+    ReplayResult,
+    ReplaySpec,
+    SmoothResult,
+    SmoothSpec,
+)
 
 MapOpener = Callable[[Path], GridMap]
 
@@ -104,6 +114,27 @@ class SmoothSession:
         maps = SpecMaps(spec.maps, self.open_map, self.keep_maps)
         fixes = smooth_session(tracker, spec.prior, spec.segments, maps, seed=spec.seed)
         return SmoothResult(fixes=fixes, cpu_s=time.thread_time() - started)
+
+
+@dataclass(frozen=True, slots=True)
+class ReplaySession:
+    """Takes all segments of a session once more, as they were taken one after the other."""
+
+    open_map: MapOpener
+    keep_maps: int = 16
+
+    def __call__(self, spec: ReplaySpec, progress: Progress) -> ReplayResult:  # noqa: ARG002 - somebody waits anyway
+        """Go from the prior through all segments; on the maps of then, the fixes of then."""
+        started = time.thread_time()
+        tracker = create_tracker(spec.method, spec.parameters)
+        maps = SpecMaps(spec.maps, self.open_map, self.keep_maps)
+        state = tracker.start(spec.prior, seed=spec.seed)
+        fixes: list[Fix] = []
+        for segment in spec.segments:
+            answer = tracker.answer(state, segment, maps)
+            state = answer.state
+            fixes += answer.fixes
+        return ReplayResult(fixes=tuple(fixes), cpu_s=time.thread_time() - started)
 
 
 def build_level_map(spec: BuildSpec, progress: Progress) -> BuildResult:

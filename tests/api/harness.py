@@ -26,6 +26,7 @@ from tests.support.builders import (
     CallingExecutor,
     SteppingClock,
     answer_locate,
+    answer_replay,
     answer_smooth,
     grid_map,
     map_build,
@@ -122,6 +123,7 @@ class Api:
             listener=self.events,
             locate_task=answer_locate,
             smooth_task=answer_smooth,
+            replay_task=answer_replay,
             max_queued=max_queued,
         )
         self.worker.services, self.worker.events = self.services, self.events
