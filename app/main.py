@@ -28,7 +28,7 @@ from app.workers.kinds import build_work, segment_work
 from app.workers.pools import InlineExecutor, ThreadExecutor
 from app.workers.processes import ProcessExecutor
 from app.workers.runner import JobRunner, Lane
-from app.workers.tasks import LocateSegment, ReplaySession, SmoothSession, build_level_map
+from app.workers.tasks import BuildMap, LocateSegment, ReplaySession, SmoothSession
 
 Pool = InlineExecutor | ThreadExecutor | ProcessExecutor
 
@@ -159,7 +159,7 @@ class Application:
         processing, metrics = self.services.processing, self.metrics
         capacity = self.settings.workers + _SPARE_JOBS
         segments = segment_work(processing, self.segment_pool, locate, capacity=capacity, metrics=metrics)
-        builds = build_work(processing, self.build_pool, build_level_map, capacity=1, metrics=metrics)
+        builds = build_work(processing, self.build_pool, BuildMap(open_map), capacity=1, metrics=metrics)
         return JobRunner(
             {
                 segments.kind: Lane(segments, processing=processing, listener=events, metrics=metrics),

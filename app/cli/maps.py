@@ -72,6 +72,27 @@ def build(
     typer.echo(info.id)
 
 
+@app.command("update")
+@reported
+def update(
+    level: Annotated[str, typer.Argument(help="Id of the level (lvl_...).")], url: Url = DEFAULT_URL, key: Key = None
+) -> None:
+    """Bring a level's map up to date: add walks uploaded since, take out those deleted. Prints the new map's id.
+
+    Only what these walks touch is computed anew, which takes a second or so; what was fitted to the level (covariance,
+    noise) stays until the next build.
+
+    Example:  isodyn map update lvl_...
+    """
+    with connect(url, key) as client, progress_bars() as bars:
+        bar = bars.add_task("updating the map", total=1.0, text="")
+        info = client.update_map(
+            level, progress=lambda job: bars.update(bar, completed=job.progress, text=job.progress_text)
+        )
+        bars.update(bar, completed=1.0, text=f"version {info.version}, {info.build_s:.1f} s")
+    typer.echo(info.id)
+
+
 @app.command("list")
 @reported
 def list_maps(

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from datetime import datetime
 
-from app.engine.types import GridMap
+from app.engine.types import FeatureSet, GridMap
 from app.services.base import DEFAULT_LIMIT, Service, check_limit
 from app.services.clock import Clock
 from app.services.errors import ConflictError, InvalidError, NoMapError
 from app.services.ids import new_id
+from app.services.map_changes import changes_of
 from app.services.map_refs import MapRefs
 from app.services.ports import JobListener, MapCache, UnitOfWork, UnitOfWorkFactory
-from app.services.records import Job, JobKind, JobState, MapInfo, NewBuild, Page
+from app.services.records import Job, JobKind, JobState, MapInfo, MapKind, NewBuild, Page
 
 
 class MapService(Service):
@@ -23,13 +24,18 @@ class MapService(Service):
         self._refs = MapRefs(uow=uow, cache=cache)
 
     def request_build(self, new: NewBuild) -> Job:
-        """Queue a build from the level's surveys (or the named ones); ConflictError if they hold no walk."""
+        """Queue a build from the level's surveys (or the named ones), or an update of its current map by what is new.
+
+        ConflictError if there is no walk to build from, or nothing that the current map lacks or has too much.
+        """
         now = self._clock()
         job = _build_job(new, now)
         with self._uow(write=True) as uow:
             uow.levels.get(new.level_id)
             _check_surveys(uow, new)
-            if not uow.surveys.count_walks(new.level_id, new.survey_ids):
+            if new.mode is MapKind.UPDATE:
+                _check_update(uow, new)
+            elif not uow.surveys.count_walks(new.level_id, new.survey_ids):
                 raise ConflictError(f"level {new.level_id} has no survey walks; upload walks before building a map")
             uow.jobs.add(job)
             uow.maps.add_build(job.id, new)
@@ -66,6 +72,17 @@ def _check_surveys(uow: UnitOfWork, new: NewBuild) -> None:
             raise InvalidError(
                 f"survey_ids.{i}", f"survey {survey_id} is of another level", f"name surveys of level {new.level_id}"
             )
+
+
+def _check_update(uow: UnitOfWork, new: NewBuild) -> None:
+    current = uow.levels.get(new.level_id).current_map_id
+    if current is None:
+        raise NoMapError(level_id=new.level_id)
+    info = uow.maps.get(current)
+    if info.model is None or info.features is not FeatureSet.VECTOR:
+        raise ConflictError(f"map {current} cannot be updated; build it once more, with the features 'vector'")
+    if not changes_of(uow, new, current):
+        raise ConflictError(f"map {current} is up to date: no walk was added or deleted since")
 
 
 def _build_job(new: NewBuild, now: datetime) -> Job:

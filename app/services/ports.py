@@ -12,7 +12,7 @@ from contextlib import AbstractContextManager
 from datetime import datetime
 from typing import Protocol, TypeVar
 
-from app.engine.types import DeviceCalibration, Fix, FixKind, GridMap, Progress, SurveyWalk, TrackerState
+from app.engine.types import DeviceCalibration, Evidence, Fix, FixKind, GridMap, Progress, SurveyWalk, TrackerState
 from app.services.aids import Recording
 from app.services.records import (
     Anchor,
@@ -43,6 +43,8 @@ from app.services.records import (
 )
 from app.services.tasks import MapRef
 
+Box = tuple[float, float, float, float]
+"""``(x_min, y_min, x_max, y_max)`` in the level frame, m."""
 Spec = TypeVar("Spec")
 Result = TypeVar("Result")
 
@@ -140,12 +142,18 @@ class SurveyRepository(Protocol):
         """Those of these walks that are stored (still), by id."""
         ...
 
+    def walk_ids(self, level_id: str, survey_ids: Sequence[str]) -> Sequence[str]:
+        """Ids of the level's walks (of these surveys only, when any are named), oldest first."""
+        ...
+
     def devices(self, level_id: str) -> Mapping[str, str]:
         """The device of each of the level's walks that name one, by walk id."""
         ...
 
-    def load_walks(self, level_id: str, survey_ids: Sequence[str]) -> Sequence[SurveyWalk]:
-        """Samples of all walks of the level (of these surveys only, when any are named), oldest first."""
+    def load_walks(
+        self, level_id: str, survey_ids: Sequence[str], *, only: Sequence[str] | None = None
+    ) -> Sequence[SurveyWalk]:
+        """Samples of the level's walks (of these surveys, or only these walks, when any are named), oldest first."""
         ...
 
 
@@ -160,11 +168,22 @@ class MapRepository(Protocol):
         ...
 
     def tile_hashes(self, map_id: str) -> Sequence[str]: ...
-    def pack(self, grid_map: GridMap) -> PackedMap:
+    def pack(self, grid_map: GridMap, evidence: Evidence | None = None) -> PackedMap:
         """Cut into tiles, compress and hash; touches no table, so it may run outside a write transaction."""
         ...
 
-    def add(self, info: MapInfo, packed: PackedMap) -> None: ...
+    def add(self, info: MapInfo, packed: PackedMap, *, keep: Box | None = None) -> None:
+        """Store a version. ``keep``: an update's evidence is that of this box; outside it stays the parent's."""
+        ...
+
+    def evidence(self, map_id: str, box: Box | None = None) -> Evidence | None:
+        """What a map rests on, in the tiles that the box touches if one is given; None if it was not kept."""
+        ...
+
+    def sources(self, map_id: str) -> AbstractSet[str]:
+        """Ids of all walks and contributions that went into a version or were found unfit for it."""
+        ...
+
     def get(self, map_id: str) -> MapInfo: ...
     def list(self, *, level_id: str | None, cursor: str | None, limit: int) -> Page[MapInfo]: ...
     def next_version(self, level_id: str) -> int: ...

@@ -4,22 +4,24 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from datetime import datetime
 
-from app.engine.mapping import FloorPlan
-from app.engine.types import DeviceCalibration, Fix
+from app.engine.mapping import FloorPlan, NewWalk
+from app.engine.types import DeviceCalibration, Evidence, Fix, SurveyWalk
 from app.services.base import Service
 from app.services.clock import Clock
 from app.services.device_memory import remember_if_over, remember_survey
+from app.services.errors import InvalidError
 from app.services.ids import new_id, seed_of
 from app.services.jobs import record_segment_failure
 from app.services.level_frame import in_level_frame
+from app.services.map_changes import box_of, changes_of
 from app.services.map_refs import MapRefs
 from app.services.ports import MapCache, UnitOfWork, UnitOfWorkFactory
-from app.services.publishing import BUILT, publish
-from app.services.records import Job, JobKind, JobState, MapInfo, SessionStatus
-from app.services.tasks import BuildResult, BuildSpec, LocateResult, LocateSpec
+from app.services.publishing import BUILT, UPDATED, publish
+from app.services.records import Job, JobKind, JobState, MapInfo, MapKind, NewBuild, SessionStatus
+from app.services.tasks import BuildResult, BuildSpec, LocateResult, LocateSpec, UpdateBase
 
 Outcome = dict[str, str | int | float]
 MAX_ATTEMPTS = 3
@@ -67,13 +69,36 @@ class ProcessingService(Service):
         )
 
     def build_spec(self, job: Job) -> BuildSpec:
-        """What a worker needs to build the job's map."""
+        """What a worker needs to build the job's map, or to bring the current one up to date."""
         with self._uow() as uow:
             build = uow.maps.get_build(job.id)
+            if build.mode is MapKind.UPDATE:
+                return self._update_spec(uow, build)
             walks = uow.surveys.load_walks(build.level_id, build.survey_ids)
+            devices = uow.surveys.devices(build.level_id)
             drawn = uow.levels.vector_plan(build.level_id)
         plan = None if drawn is None else FloorPlan.from_geojson(json.loads(drawn))
-        return BuildSpec(level_id=build.level_id, walks=tuple(walks), settings=build.settings, plan=plan)
+        return BuildSpec(level_id=build.level_id, walks=_owned(walks, devices), settings=build.settings, plan=plan)
+
+    def _update_spec(self, uow: UnitOfWork, build: NewBuild) -> BuildSpec:
+        map_id = uow.levels.get(build.level_id).current_map_id
+        info = None if map_id is None else uow.maps.get(map_id)
+        if info is None or info.model is None:
+            raise InvalidError("level_id", "has no map that can be updated", "build a map of the level first")
+        changes = changes_of(uow, build, info.id)
+        walks = uow.surveys.load_walks(build.level_id, (), only=changes.walks)
+        box = box_of(info, walks, everything=bool(changes.removed))
+        evidence = uow.maps.evidence(info.id, box)
+        base = UpdateBase(
+            map_id=info.id,
+            map=self._refs.ref(info.id),
+            evidence=evidence or Evidence.empty(info.features),
+            box=box,
+            model=info.model,
+            removed=changes.removed,
+        )
+        devices = uow.surveys.devices(build.level_id)
+        return BuildSpec(level_id=build.level_id, walks=_owned(walks, devices), settings=build.settings, base=base)
 
     def complete_locate(self, job: Job, result: LocateResult) -> Job | None:
         """Store fixes, new state, what was learned about the device and the job's end together.
@@ -106,21 +131,25 @@ class ProcessingService(Service):
     def complete_build(self, job: Job, result: BuildResult, build_s: float) -> Job:
         """Store the map as the level's next version; publish it unless it is a draft. Its walks teach their devices."""
         now = self._clock()
-        grid_map = result.build.grid_map
+        grid_map, base = result.build.grid_map, result.base
         with self._uow() as uow:
             # compressing takes long: not while holding the write lock
-            packed = uow.maps.pack(grid_map)
+            packed = uow.maps.pack(grid_map, result.build.evidence)
         with self._uow(write=True) as uow:
+            if base is not None and uow.levels.get(grid_map.level_id).current_map_id != base.map_id:
+                # another version became current meanwhile: the update is done over again, on that one
+                uow.jobs.requeue(job.id, attempts=job.attempts)
+                return uow.jobs.get(job.id)
             info = _map_info(uow, job, result, packed.hash, build_s=build_s, now=now)
             outcome: Outcome = {"map_id": info.id, "version": info.version, "cpu_s": result.cpu_s}
             finished = uow.jobs.finish(job.id, JobState.DONE, now, result=outcome, attempts=job.attempts)
             if finished:
                 remember_survey(uow, info.level_id, info.walks, now)
-                uow.maps.add(info, packed)
+                uow.maps.add(info, packed, keep=None if base is None else base.box)
                 uow.maps.finish_build(job.id, info.id)
                 order = uow.maps.get_build(job.id)
                 if order.publish:
-                    publish(uow, info, now, key_id=order.key_id, note=BUILT)
+                    publish(uow, info, now, key_id=order.key_id, note=BUILT if base is None else UPDATED)
             done = uow.jobs.get(job.id)
         self._shown.pop(job.id, None)
         if finished:
@@ -182,6 +211,10 @@ def _map_info(
     level_id = str(job.subject["level_id"])
     rows, columns = grid_map.shape
     mapped = grid_map.mapped
+    base, reports = result.base, build.walks
+    before = None if base is None else uow.maps.get(base.map_id)
+    removed = () if base is None else base.removed
+    placed = sum(walk.rejected is None for walk in reports)
     return MapInfo(
         id=new_id("map", now),
         level_id=level_id,
@@ -198,8 +231,8 @@ def _map_info(
         noise_sd=grid_map.noise_sd,
         mapped_share=float(mapped.mean()),
         mapped_area_m2=float(mapped.sum()) * grid_map.cell_m**2,
-        n_walks=sum(walk.rejected is None for walk in build.walks),
-        n_samples=build.n_samples,
+        n_walks=placed if before is None else before.n_walks + placed - len(removed),
+        n_samples=build.n_samples if before is None else before.n_samples + build.n_samples,
         length_scale_m=build.length_scale_m,
         field_sd=build.field_sd,
         walks=build.walks,
@@ -209,4 +242,12 @@ def _map_info(
         n_transmitters=None if grid_map.radio is None else len(grid_map.radio.addresses),
         radio_cell_m=None if grid_map.radio is None else float(grid_map.radio.cell_m),
         n_routes=None if grid_map.routes is None else len(grid_map.routes.first),
+        kind=MapKind.BUILD if base is None else MapKind.UPDATE,
+        added=tuple(report.walk_id for report in reports),
+        removed=removed,
+        model=build.model,
     )
+
+
+def _owned(walks: Sequence[SurveyWalk], devices: Mapping[str, str]) -> tuple[NewWalk, ...]:
+    return tuple(NewWalk(walk, device=devices.get(walk.walk_id, "")) for walk in walks)

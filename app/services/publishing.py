@@ -9,7 +9,8 @@ from app.services.ports import UnitOfWork
 from app.services.records import MapInfo, Publication
 
 BUILT = "built"
-"""Note of a version that was published by its build."""
+UPDATED = "updated"
+"""Notes of versions that their build or update published."""
 
 
 def publish(uow: UnitOfWork, info: MapInfo, now: datetime, *, key_id: str | None = None, note: str = "") -> Publication:

@@ -55,6 +55,13 @@ class JobKind(StrEnum):
     BUILD_MAP = "build_map"
 
 
+class MapKind(StrEnum):
+    """How a map version came about: from all its walks at once, or from its parent and what was new."""
+
+    BUILD = "build"
+    UPDATE = "update"
+
+
 class JobState(StrEnum):
     """Where a job stands; ``done``, ``failed`` and ``cancelled`` are final."""
 
@@ -218,6 +225,12 @@ class MapInfo:
     radio_cell_m: float | None = None
     n_routes: int | None = None
     """Survey lines kept with the map; None for maps built before they were."""
+    kind: MapKind = MapKind.BUILD
+    added: tuple[str, ...] = ()
+    """Sources that an update added to its parent's (walks that could not be placed among them)."""
+    removed: tuple[str, ...] = ()
+    model: Mapping[str, object] | None = None
+    """What was fitted, plain values; None for maps built before it was kept: those cannot be updated."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -455,6 +468,8 @@ class NewBuild:
     level_id: str
     settings: MapBuildSettings = field(default_factory=MapBuildSettings)
     survey_ids: tuple[str, ...] = ()
+    mode: MapKind = MapKind.BUILD
+    """An update keeps the settings of the current map."""
     publish: bool = True
     """Whether new sessions use the version as soon as it is built; a draft waits to be published."""
     key_id: str | None = None
@@ -481,12 +496,13 @@ class PackedLayer:
 
 @dataclass(frozen=True, slots=True)
 class PackedMap:
-    """A map as it is stored; ``hash`` covers header, tiles, radio layer and lines."""
+    """A map as it is stored; ``hash`` covers header, tiles, radio layer and lines, but not what it rests on."""
 
     hash: str
     tiles: tuple[PackedTile, ...]
     radio: PackedLayer | None = None
     routes: PackedLayer | None = None
+    evidence: tuple[PackedTile, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,16 +10,16 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from app.engine.mapping import FloorPlan
+from app.engine.mapping import FloorPlan, NewWalk
 from app.engine.types import (
     DeviceCalibration,
+    Evidence,
     Fix,
     MapBuild,
     MapBuildSettings,
     Prior,
     Progress,
     Segment,
-    SurveyWalk,
     TrackerState,
 )
 
@@ -99,21 +99,49 @@ class ReplayResult:
 
 
 @dataclass(frozen=True, slots=True)
+class UpdateBase:
+    """The version that an update starts from.
+
+    Attributes
+    ----------
+    map_id : str
+    map : MapRef
+    evidence : Evidence
+        Of the tiles that ``box`` touches.
+    box : tuple of float, m
+        What the update can change, with what that rests on.
+    model : mapping
+        Plain values of the version's model.
+    removed : tuple of str
+        Sources to take out.
+    """
+
+    map_id: str
+    map: MapRef
+    evidence: Evidence
+    box: tuple[float, float, float, float]
+    model: Mapping[str, object]
+    removed: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
 class BuildSpec:
-    """Build a map of one level."""
+    """Build a map of one level, or bring one up to date (``base``) by these walks."""
 
     level_id: str
-    walks: tuple[SurveyWalk, ...]
+    walks: tuple[NewWalk, ...]
     settings: MapBuildSettings
     plan: FloorPlan | None = None
+    base: UpdateBase | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class BuildResult:
-    """The built map."""
+    """The built map; of an update, its evidence is that of ``base.box`` and its reports are of the new walks."""
 
     build: MapBuild
     cpu_s: float
+    base: UpdateBase | None = None
 
 
 LocateTask = Callable[[LocateSpec, Progress], LocateResult]

@@ -215,6 +215,7 @@ map_builds = Table(
     _reference("level_id", "levels.id"),
     Column("settings", JSON, nullable=False),
     Column("survey_ids", JSON, nullable=False),
+    Column("mode", String(16), nullable=False, server_default="build"),
     Column("publish", Boolean, nullable=False, server_default=true()),
     _reference("key_id", "api_keys.id", nullable=True),
     # what came of it
@@ -252,6 +253,11 @@ maps = Table(
     Column("n_routes", Integer, nullable=True),
     Column("routes_hash", HASH, ForeignKey("route_layers.hash"), nullable=True),
     _time("created_at"),
+    Column("kind", String(16), nullable=False, server_default="build"),
+    Column("model", JSON, nullable=True),
+    # ids of the sources an update added and took out; those of a build are in its walks
+    Column("added", JSON, nullable=True),
+    Column("removed", JSON, nullable=True),
     UniqueConstraint("level_id", "version"),
 )
 
@@ -303,6 +309,23 @@ map_tiles = Table(
     Column("row", Integer, primary_key=True, autoincrement=False),
     Column("column", Integer, primary_key=True, autoincrement=False),
     Column("tile_hash", HASH, ForeignKey("tiles.hash"), nullable=False),
+    sqlite_with_rowid=False,
+)
+
+evidence_tiles = Table(
+    "evidence_tiles",
+    metadata,
+    Column("hash", HASH, primary_key=True),
+    Column("data", LargeBinary, nullable=False),
+)
+
+map_evidence = Table(
+    "map_evidence",
+    metadata,
+    Column("map_id", ID, ForeignKey("maps.id"), primary_key=True),
+    Column("row", Integer, primary_key=True, autoincrement=False),
+    Column("column", Integer, primary_key=True, autoincrement=False),
+    Column("tile_hash", HASH, ForeignKey("evidence_tiles.hash"), nullable=False),
     sqlite_with_rowid=False,
 )
 

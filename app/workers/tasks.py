@@ -9,7 +9,7 @@ from __future__ import annotations
 import time
 from collections import OrderedDict
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from threading import Lock
 
@@ -17,8 +17,8 @@ from app.engine.errors import InputError, MapError
 from app.engine.localization.particle import ParticleTracker
 from app.engine.localization.registry import create_tracker
 from app.engine.localization.smoothing import smooth_session
-from app.engine.mapping import build_map
-from app.engine.types import Fix, GridMap, Progress
+from app.engine.mapping import MapModel, build_map, update_map
+from app.engine.types import Fix, GridMap, MapBuild, Progress
 from app.services.tasks import (
     BuildResult,
     BuildSpec,
@@ -29,6 +29,7 @@ from app.services.tasks import (
     ReplaySpec,
     SmoothResult,
     SmoothSpec,
+    UpdateBase,
 )
 
 MapOpener = Callable[[Path], GridMap]
@@ -137,8 +138,47 @@ class ReplaySession:
         return ReplayResult(fixes=tuple(fixes), cpu_s=time.thread_time() - started)
 
 
-def build_level_map(spec: BuildSpec, progress: Progress) -> BuildResult:
-    """Build a level's map from its survey walks."""
-    started = time.thread_time()
-    build = build_map(spec.level_id, spec.walks, spec.settings, progress, plan=spec.plan)
-    return BuildResult(build=build, cpu_s=time.thread_time() - started)
+@dataclass(frozen=True, slots=True)
+class BuildMap:
+    """Builds a level's map from its survey walks, or brings one up to date."""
+
+    open_map: MapOpener
+
+    def __call__(self, spec: BuildSpec, progress: Progress) -> BuildResult:
+        """Build; the same spec always gives the same result."""
+        started = time.thread_time()
+        build = _built(spec, progress) if spec.base is None else _updated(spec, spec.base, self.open_map, progress)
+        return BuildResult(build=build, cpu_s=time.thread_time() - started, base=spec.base)
+
+
+def _built(spec: BuildSpec, progress: Progress) -> MapBuild:
+    walks = [new.walk for new in spec.walks]
+    build = build_map(spec.level_id, walks, spec.settings, progress, plan=spec.plan)
+    owners = {new.walk.walk_id: new for new in spec.walks}
+    sources = tuple(
+        replace(source, contributor=owners[source.id].contributor, device=owners[source.id].device)
+        for source in build.evidence.sources
+    )
+    return replace(build, evidence=replace(build.evidence, sources=sources))
+
+
+def _updated(spec: BuildSpec, base: UpdateBase, open_map: MapOpener, progress: Progress) -> MapBuild:
+    model = MapModel.from_values(base.model)
+    update = update_map(
+        open_map(base.map.path),
+        base.evidence,
+        model,
+        walks=spec.walks,
+        removed=base.removed,
+        align=bool(base.model.get("align", True)),
+        progress=progress,
+    )
+    return MapBuild(
+        grid_map=update.grid_map,
+        walks=update.walks,
+        n_samples=len(update.evidence) - len(base.evidence),
+        length_scale_m=model.covariance.length_m,
+        field_sd=tuple(float(sd) for sd in model.level.sd),
+        evidence=update.evidence,
+        model=dict(base.model),
+    )

@@ -98,7 +98,7 @@ class Worker:
             return processing.fail(job, self.error)
         if job.kind is JobKind.BUILD_MAP:
             spec = processing.build_spec(job)
-            build = map_build(spec.level_id, walk_ids=[walk.walk_id for walk in spec.walks])
+            build = map_build(spec.level_id, walk_ids=[new.walk.walk_id for new in spec.walks])
             features = spec.settings.features
             build = replace(build, grid_map=grid_map(spec.level_id, features=features))
             return processing.complete_build(job, BuildResult(build, cpu_s=0.1), 0.2)

@@ -56,7 +56,7 @@ class CoverageFormat(StrEnum):
 async def build_map(body: MapIn, context: ContextDep, wait: WaitDep, key: KeyDep) -> Response:
     """Queue the building of a level's next map version; the job's `result` will name it (`map_id`)."""
     settings = MapBuildSettings(features=body.features, cell_m=body.cell_m, mapped_m=body.mapped_m, align=body.align)
-    new = NewBuild(body.level_id, settings, body.survey_ids, publish=body.publish, key_id=key.id)
+    new = NewBuild(body.level_id, settings, body.survey_ids, body.mode, publish=body.publish, key_id=key.id)
     job = await run_in_threadpool(context.services.maps.request_build, new)
     finished = await context.broker.wait(job.id, wait.seconds) if wait.seconds else None
     return Response(

@@ -108,7 +108,7 @@ def build_map(
         length_scale_m=covariance.length_m,
         field_sd=tuple(float(s) for s in level.sd),
         evidence=_evidence(samples, placed, settings.features),
-        model=MapModel(level, covariance).values(),
+        model={**MapModel(level, covariance).values(), "align": settings.align},
     )
 
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from app.engine.types import BoolArray, Float64Array, IntArray
+from app.engine.types import BoolArray, Evidence, Float64Array, IntArray
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,3 +95,9 @@ class MapModel:
         """Inverse of :meth:`values`, also after JSON."""
         level = values["level"]
         return cls(FieldLevel(np.array(level["mean"]), np.array(level["sd"])), Covariance(**values["covariance"]))
+
+
+def field_samples(evidence: Evidence, model: MapModel) -> FieldSamples:  # noqa: ARG001
+    """Rows in use as samples for kriging."""
+    used = evidence.subset(evidence.weight > 0.0)
+    return FieldSamples(used.xy.astype(np.float64), used.source.astype(np.int64), used.values.astype(np.float64))

@@ -102,17 +102,25 @@ class SqlSurveyRepository(Repository):
         """How many walks a build from these surveys would read."""
         return int(self._read(_of_level(select(func.count()), level_id, survey_ids)).scalar_one())
 
+    def walk_ids(self, level_id: str, survey_ids: Sequence[str]) -> Sequence[str]:
+        """Ids of the level's walks (of these surveys only, when any are named), oldest first."""
+        return self._read(_of_level(select(walks.c.id), level_id, survey_ids).order_by(walks.c.id)).scalars().all()
+
     def devices(self, level_id: str) -> Mapping[str, str]:
         """The device of each of the level's walks that name one, by walk id."""
         statement = _of_level(select(walks.c.id, walks.c.device_id), level_id, ())
         return {row.id: row.device_id for row in self._read(statement.where(walks.c.device_id.is_not(None)))}
 
-    def load_walks(self, level_id: str, survey_ids: Sequence[str]) -> Sequence[SurveyWalk]:
-        """Samples of all walks of the level (of these surveys only, when any are named), oldest first."""
+    def load_walks(
+        self, level_id: str, survey_ids: Sequence[str], *, only: Sequence[str] | None = None
+    ) -> Sequence[SurveyWalk]:
+        """Samples of the level's walks (of these surveys, or only these walks, when any are named), oldest first."""
         columns = (walk_samples.c[name] for name in ("samples", "waypoints", "wifi", "ble"))
         statement = _of_level(select(walks.c.id, *columns), level_id, survey_ids).join(
             walk_samples, walk_samples.c.walk_id == walks.c.id
         )
+        if only is not None:
+            statement = statement.where(walks.c.id.in_(only))
         return [
             SurveyWalk(
                 walk_id=row.id,

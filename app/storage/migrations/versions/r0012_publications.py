@@ -1,7 +1,7 @@
 """Drafts of maps, and the log of what was published.
 
 Revision ID: r0012
-Revises: r0010
+Revises: r0011
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ import sqlalchemy as sa
 from alembic import op
 
 revision = "r0012"
-down_revision = "r0010"
+down_revision = "r0011"
 branch_labels = None
 depends_on = None
 

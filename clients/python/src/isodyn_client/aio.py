@@ -198,6 +198,7 @@ class AsyncClient:
 
     request_map = _call(endpoints.request_map)
     build_map = _flow(Flows.build_map)
+    update_map = _flow(Flows.update_map)
     map_info = _call(endpoints.map_info)
     maps = _list(endpoints.maps)
     map_field = _call(endpoints.map_field)

@@ -225,10 +225,12 @@ def request_map(
     cell_m: float | None = None,
     mapped_m: float | None = None,
     align: bool | None = None,
+    mode: str | None = None,
 ) -> Call[Job]:
     """Ask for a map of a level, from all its surveys or only some; returns the job that builds it.
 
-    Not repeatable: each request builds another version. ``build_map`` also waits for the job.
+    With ``mode="update"`` the current map is brought up to date instead, with the settings it has. Not repeatable: each
+    request builds another version. ``build_map`` and ``update_map`` also wait for the job.
     """
     fields = present(
         {
@@ -238,6 +240,7 @@ def request_map(
             "cell_m": cell_m,
             "mapped_m": mapped_m,
             "align": align,
+            "mode": mode,
         }
     )
     return Call("POST", "/v1/maps", as_model(Job), body=json_body(fields), repeatable=False)

@@ -133,6 +133,17 @@ class Flows:
         job = yield from self.wait_for_job(job.id, timeout=timeout, progress=progress)
         return (yield from self.exchange(endpoints.map_info(str(job.result["map_id"]))))
 
+    def update_map(
+        self, level_id: str, *, timeout: float = 600.0, progress: JobProgress | None = None
+    ) -> Flow[MapInfo]:
+        """Bring a level's current map up to date, wait for that, and return the new version.
+
+        Walks uploaded since are added and those deleted since taken out; ``ConflictError`` if there are none.
+        """
+        job = yield from self.exchange(endpoints.request_map(level_id, mode="update"))
+        job = yield from self.wait_for_job(job.id, timeout=timeout, progress=progress)
+        return (yield from self.exchange(endpoints.map_info(str(job.result["map_id"]))))
+
     def wait_for_segment(self, session_id: str, seq: int, *, timeout: float = 60.0) -> Flow[SegmentResult]:
         """Ask for a segment until it is processed (or has failed: see its ``state``)."""
         call = endpoints.segment(session_id, seq)

@@ -201,7 +201,11 @@ class WalkReport(Model):
 
 
 class MapInfo(Model):
-    """A finished map version, without its cells; without a radio layer ``n_transmitters`` is None."""
+    """A finished map version, without its cells; without a radio layer ``n_transmitters`` is None.
+
+    ``kind`` is "build" (from all walks at once) or "update": then ``added`` and ``removed`` are what its parent lacked
+    and had too much, and ``walks`` reports on those added.
+    """
 
     id: str
     level_id: str
@@ -227,6 +231,9 @@ class MapInfo(Model):
     n_transmitters: int | None = None
     radio_cell_m: float | None = None
     n_routes: int | None = None
+    kind: str = "build"
+    added: tuple[str, ...] = ()
+    removed: tuple[str, ...] = ()
     created_at: datetime
 
 
