@@ -18,6 +18,7 @@ from app.services.clock import utc_now
 from app.services.container import build_services
 from app.services.tasks import LocateTask
 from app.settings import PoolKind, Settings
+from app.storage.checkpoints import FileCheckpoints
 from app.storage.database import Database
 from app.storage.map_cache import FileMapCache, open_map
 from app.telemetry import Metrics, configure_logging
@@ -159,7 +160,8 @@ class Application:
         processing, metrics = self.services.processing, self.metrics
         capacity = self.settings.workers + _SPARE_JOBS
         segments = segment_work(processing, self.segment_pool, locate, capacity=capacity, metrics=metrics)
-        builds = build_work(processing, self.build_pool, BuildMap(open_map), capacity=1, metrics=metrics)
+        build = BuildMap(open_map, FileCheckpoints(self.settings.checkpoint_dir))
+        builds = build_work(processing, self.build_pool, build, capacity=1, metrics=metrics)
         return JobRunner(
             {
                 segments.kind: Lane(segments, processing=processing, listener=events, metrics=metrics),

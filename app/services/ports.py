@@ -12,7 +12,18 @@ from contextlib import AbstractContextManager
 from datetime import datetime
 from typing import Protocol, TypeVar
 
-from app.engine.types import DeviceCalibration, Evidence, Fix, FixKind, GridMap, Progress, SurveyWalk, TrackerState
+from app.engine.mapping.placing import PlacedWalks
+from app.engine.types import (
+    DeviceCalibration,
+    Evidence,
+    Fix,
+    FixKind,
+    GridMap,
+    Progress,
+    SurveyWalk,
+    TrackerState,
+    WalkReport,
+)
 from app.services.aids import Recording
 from app.services.records import (
     Anchor,
@@ -168,6 +179,10 @@ class MapRepository(Protocol):
         ...
 
     def tile_hashes(self, map_id: str) -> Sequence[str]: ...
+    def reports(self, map_id: str) -> Mapping[str, WalkReport]:
+        """Reports about the walks of a version by walk id: of its build, and of the updates since."""
+        ...
+
     def pack(self, grid_map: GridMap, evidence: Evidence | None = None) -> PackedMap:
         """Cut into tiles, compress and hash; touches no table, so it may run outside a write transaction."""
         ...
@@ -371,6 +386,14 @@ class MapCache(Protocol):
     def open(self, ref: MapRef) -> GridMap:
         """Memory-map a cached map."""
         ...
+
+
+class Checkpoints(Protocol):
+    """Keeps the placed walks of builds that run, so that an interrupted build need not place them again."""
+
+    def load(self, key: str) -> PlacedWalks | None: ...
+    def put(self, key: str, placed: PlacedWalks) -> None: ...
+    def drop(self, key: str) -> None: ...
 
 
 class JobListener(Protocol):

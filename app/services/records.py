@@ -262,15 +262,17 @@ class Publication:
 class MapSource:
     """Who contributed to a map version.
 
-    ``n_samples`` counts the placed field samples it brought, None where that was not noted; ``rejected`` says why it
-    was left out, if it was.
+    ``n_samples`` counts the placed field samples it brought, of which ``n_used`` have some weight; None for versions of
+    before evidence was kept. ``rejected`` says why a walk was left out, if it was.
     """
 
     id: str
     kind: SourceKind
     survey_id: str | None
     device_id: str | None
+    contributor: str | None
     n_samples: int | None
+    n_used: int | None
     rejected: str | None
 
 

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, replace
+from functools import lru_cache
+
+import numpy as np
 
 from app.engine.errors import InputError
 from app.engine.mapping.diff import COMPONENTS, LEAST_UT, Component, MapDifference, diff_maps
-from app.engine.types import SourceKind
+from app.engine.types import Evidence, SourceKind, WalkReport
 from app.services.base import DEFAULT_LIMIT, Service, check_limit, check_number_cursor
 from app.services.clock import Clock
 from app.services.errors import InvalidError
@@ -27,6 +31,9 @@ from app.services.records import (
     Walk,
 )
 
+_KEPT = 8
+"""Versions whose sources are remembered: a list is read page by page, and its evidence is large."""
+
 
 class VersionService(Service):
     """Publish versions and compare them."""
@@ -34,6 +41,7 @@ class VersionService(Service):
     def __init__(self, *, uow: UnitOfWorkFactory, clock: Clock, cache: MapCache) -> None:
         super().__init__(uow=uow, clock=clock)
         self._refs = MapRefs(uow=uow, cache=cache)
+        self._sources = lru_cache(maxsize=_KEPT)(self._read_sources)
 
     def publish(self, level_id: str, map_id: str, *, key_id: str | None = None, note: str = "") -> Publication:
         """Make a version the one that new sessions on the level use; an older one too: that is rolling back.
@@ -57,20 +65,18 @@ class VersionService(Service):
             return uow.publications.list(level_id, cursor=cursor, limit=check_limit(limit))
 
     def sources(self, map_id: str, cursor: str | None = None, limit: int = DEFAULT_LIMIT) -> Page[MapSource]:
-        """Who contributed to a version, in the order of its evidence; the cursor counts them.
+        """Who contributed to a version: the sources of its evidence, then walks that were left out.
 
-        Survey and device are those of the walk as it is stored now; a walk deleted since has none.
+        The cursor counts them. The survey is that of the walk as it is stored now; a walk deleted since has none.
         """
-        reports = self._refs.info(map_id).walks
         first = int(check_number_cursor(cursor) or 0)
         last = first + check_limit(limit)
-        shown = reports[first:last]
+        known = self._sources(map_id)
+        shown = known[first:last]
         with self._uow() as uow:
-            walks = uow.surveys.find_walks([report.walk_id for report in shown])
-        items = (
-            _source(report.walk_id, walks.get(report.walk_id), report.n_samples, report.rejected) for report in shown
-        )
-        return Page(tuple(items), str(last) if last < len(reports) else None)
+            walks = uow.surveys.find_walks([source.id for source in shown if source.kind is SourceKind.SURVEY])
+        items = (_with_walk(source, walks[source.id]) if source.id in walks else source for source in shown)
+        return Page(tuple(items), str(last) if last < len(known) else None)
 
     def compared(self, map_id: str, against: str | None = None) -> tuple[MapInfo, MapInfo]:
         """The version and the one it is compared with: its parent, unless one is named."""
@@ -106,36 +112,72 @@ class VersionService(Service):
         summary = self.difference(now, then).summary(least_ut)
         with self._uow() as uow:
             tiles, settings = _tiles(uow, now, then), _settings(uow, now, then)
-        walks, before = _accepted(now), _accepted(then)
+        own, other = (_in_use(self._sources(info.id)) for info in (now, then))
         return VersionDiff(
             map_id=now.id,
             against=then.id,
             identical=now.hash == then.hash,
             field=summary,
             tiles=tiles,
-            sources=Change(tuple(w for w in walks if w not in before), tuple(w for w in before if w not in walks)),
+            sources=Change(_lacking(own, other), _lacking(other, own)),
             settings=settings,
         )
+
+    def _read_sources(self, map_id: str) -> tuple[MapSource, ...]:
+        with self._uow() as uow:
+            return _sources_of(uow.maps.evidence(map_id), uow.maps.reports(map_id))
 
 
 def _remedy(info: MapInfo) -> str:
     return f"name a version of level {info.level_id} with a cell_m of {info.cell_m:g}: GET /v1/maps?level_id="
 
 
-def _source(walk_id: str, walk: Walk | None, n_samples: int | None, rejected: str | None) -> MapSource:
+def _sources_of(evidence: Evidence | None, reports: Mapping[str, WalkReport]) -> tuple[MapSource, ...]:
+    if evidence is None:  # of before it was kept
+        return tuple(_of_report(report) for report in reports.values())
+    n = len(evidence.sources)
+    counts = np.bincount(evidence.source, minlength=n).tolist()
+    used = np.bincount(evidence.source, weights=evidence.weight > 0, minlength=n).astype(int).tolist()
+    brought = tuple(
+        MapSource(
+            id=source.id,
+            kind=source.kind,
+            survey_id=None,
+            device_id=source.device or None,
+            contributor=source.contributor or None,
+            n_samples=counts[i],
+            n_used=used[i],
+            rejected=None,
+        )
+        for i, source in enumerate(evidence.sources)
+    )
+    return brought + tuple(_of_report(report) for report in reports.values() if report.rejected is not None)
+
+
+def _of_report(report: WalkReport) -> MapSource:
     return MapSource(
-        id=walk_id,
+        id=report.walk_id,
         kind=SourceKind.SURVEY,
-        survey_id=None if walk is None else walk.survey_id,
-        device_id=None if walk is None else walk.device_id,
-        n_samples=n_samples,
-        rejected=rejected,
+        survey_id=None,
+        device_id=None,
+        contributor=None,
+        n_samples=None,
+        n_used=None,
+        rejected=report.rejected,
     )
 
 
-def _accepted(info: MapInfo) -> dict[str, None]:
+def _with_walk(source: MapSource, walk: Walk) -> MapSource:
+    return replace(source, survey_id=walk.survey_id, device_id=source.device_id or walk.device_id)
+
+
+def _in_use(sources: Sequence[MapSource]) -> dict[str, None]:
     """Ids of the sources that a version rests on, in their order."""
-    return {report.walk_id: None for report in info.walks if report.rejected is None}
+    return {source.id: None for source in sources if source.rejected is None}
+
+
+def _lacking(own: Mapping[str, None], other: Mapping[str, None]) -> tuple[str, ...]:
+    return tuple(one for one in own if one not in other)
 
 
 def _tiles(uow: UnitOfWork, now: MapInfo, then: MapInfo) -> TileCounts:

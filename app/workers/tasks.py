@@ -19,6 +19,7 @@ from app.engine.localization.registry import create_tracker
 from app.engine.localization.smoothing import smooth_session
 from app.engine.mapping import MapModel, build_map, update_map
 from app.engine.types import Fix, GridMap, MapBuild, Progress
+from app.services.ports import Checkpoints
 from app.services.tasks import (
     BuildResult,
     BuildSpec,
@@ -31,6 +32,7 @@ from app.services.tasks import (
     SmoothSpec,
     UpdateBase,
 )
+from app.workers.placing import placed_once
 
 MapOpener = Callable[[Path], GridMap]
 
@@ -143,17 +145,26 @@ class BuildMap:
     """Builds a level's map from its survey walks, or brings one up to date."""
 
     open_map: MapOpener
+    checkpoints: Checkpoints | None = None
+    """Where a build goes on if it was interrupted; None: from the start."""
 
     def __call__(self, spec: BuildSpec, progress: Progress) -> BuildResult:
         """Build; the same spec always gives the same result."""
         started = time.thread_time()
-        build = _built(spec, progress) if spec.base is None else _updated(spec, spec.base, self.open_map, progress)
+        if spec.base is None:
+            build = _built(spec, self.checkpoints, progress)
+        else:
+            build = _updated(spec, spec.base, self.open_map, progress)
         return BuildResult(build=build, cpu_s=time.thread_time() - started, base=spec.base)
 
 
-def _built(spec: BuildSpec, progress: Progress) -> MapBuild:
+def _built(spec: BuildSpec, checkpoints: Checkpoints | None, progress: Progress) -> MapBuild:
     walks = [new.walk for new in spec.walks]
-    build = build_map(spec.level_id, walks, spec.settings, progress, plan=spec.plan)
+    if checkpoints is None:
+        build = build_map(spec.level_id, walks, spec.settings, progress, plan=spec.plan)
+    else:
+        with placed_once(checkpoints, walks, align=spec.settings.align, progress=progress) as placing:
+            build = build_map(spec.level_id, walks, spec.settings, progress, plan=spec.plan, placing=placing)
     owners = {new.walk.walk_id: new for new in spec.walks}
     sources = tuple(
         replace(source, contributor=owners[source.id].contributor, device=owners[source.id].device)

@@ -33,7 +33,9 @@ _SOURCE = {
     "kind": "survey",
     "survey_id": SURVEY_ID,
     "device_id": DEVICE_ID,
+    "contributor": None,
     "n_samples": 236,
+    "n_used": 236,
     "rejected": None,
 }
 _CHANGE = {"component": "all", "mean": 1.4, "rms": 2.1, "p95": 4.4, "largest": 14.9}
@@ -102,7 +104,9 @@ class MapSourceOut(Out):
     kind: SourceKind
     survey_id: Annotated[str | None, Field(description="Null if the walk was deleted since.")]
     device_id: str | None
-    n_samples: Annotated[int | None, Field(description="Placed field samples; null in maps of before they were noted.")]
+    contributor: Annotated[str | None, Field(description="The key that answers for a session's contribution.")]
+    n_samples: Annotated[int | None, Field(description="Placed field samples; null in maps of before they were kept.")]
+    n_used: Annotated[int | None, Field(description="Of these, how many have some weight in the map.")]
     rejected: Annotated[str | None, Field(description="Why it was left out, if it was.")]
 
     @classmethod

@@ -170,8 +170,6 @@ class WalkReport:
     """Why the walk was left out, if it was."""
     stride_scale: float | None = None
     """The walker's stride over the stride model's; None where the walk does not tell."""
-    n_samples: int | None = None
-    """Placed field samples that it brought; None in reports of before this was noted."""
 
 
 @dataclass(frozen=True, slots=True)

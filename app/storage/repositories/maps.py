@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from collections.abc import Set as AbstractSet
 from dataclasses import asdict, replace
 from typing import Any
@@ -127,6 +127,16 @@ class SqlMapRepository(Repository):
                 return known
             version = versions[version.parent_id]
 
+    def reports(self, map_id: str) -> Mapping[str, WalkReport]:
+        """Reports about the walks of a version by walk id: of its build, and of the updates since."""
+        columns = (maps.c.id, maps.c.parent_id, maps.c.kind, maps.c.walks)
+        rows = self._read(select(*columns).where(maps.c.level_id == self.get(map_id).level_id))
+        versions = {row.id: row for row in rows}
+        chain = [versions[map_id]]
+        while chain[-1].kind == MapKind.UPDATE and chain[-1].parent_id is not None:
+            chain.append(versions[chain[-1].parent_id])
+        return {report.walk_id: report for version in reversed(chain) for report in map(_report, version.walks)}
+
     def get(self, map_id: str) -> MapInfo:
         """One map version, without its tiles."""
         return _info(self._one("map", map_id, select(maps).where(maps.c.id == map_id)))
@@ -244,5 +254,9 @@ def _info(row: Row[Any]) -> MapInfo:
         features=FeatureSet(values["features"]),
         noise_sd=tuple(values["noise_sd"]),
         field_sd=tuple(values["field_sd"]),
-        walks=tuple(WalkReport(**{**walk, "offset": tuple(walk["offset"])}) for walk in values["walks"]),
+        walks=tuple(map(_report, values["walks"])),
     )
+
+
+def _report(stored: dict[str, Any]) -> WalkReport:
+    return WalkReport(**{**stored, "offset": tuple(stored["offset"])})

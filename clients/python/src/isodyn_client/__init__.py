@@ -62,12 +62,15 @@ from isodyn_client.models import (
     JobState,
     Level,
     LevelMap,
+    MapDiff,
     MapInfo,
+    MapSource,
     Method,
     MethodParameter,
     NewApiKey,
     Position,
     Prior,
+    Publication,
     Scope,
     SessionInfo,
     SessionStatus,
@@ -79,7 +82,7 @@ from isodyn_client.models import (
     Walk,
     WalkReport,
 )
-from isodyn_client.results import LocateResult, PositionPage, SegmentInfo, SegmentResult
+from isodyn_client.results import FixComparison, LocateResult, PositionPage, Replay, SegmentInfo, SegmentResult
 from isodyn_client.retry import RetryPolicy
 from isodyn_client.samples import Samples, Waypoints
 
@@ -103,6 +106,7 @@ __all__ = [
     "FeatureSet",
     "FieldError",
     "FieldRaster",
+    "FixComparison",
     "FixKind",
     "Fixes",
     "ForbiddenError",
@@ -116,7 +120,9 @@ __all__ = [
     "Level",
     "LevelMap",
     "LocateResult",
+    "MapDiff",
     "MapInfo",
+    "MapSource",
     "Method",
     "MethodParameter",
     "NewApiKey",
@@ -129,7 +135,9 @@ __all__ = [
     "PressureReadings",
     "Prior",
     "ProblemError",
+    "Publication",
     "RateLimitedError",
+    "Replay",
     "RequestTimeoutError",
     "RetryPolicy",
     "Samples",
