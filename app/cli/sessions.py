@@ -41,9 +41,7 @@ def replay(
     with connect(url, key) as client:
         found = client.replay(session, map_ids=map_id or None)
     maps, before = (", ".join(one.map_id for one in used) for used in (found.maps, found.maps_then))
-    print_table(
-        ("session", found.session_id), [("maps then", ", ".join(o.map_id for o in found.maps_then)), ("maps now", maps)]
-    )
+    print_table(("session", found.session_id), [("maps then", before), ("maps now", maps)])
     typer.echo()
     print_table(("", "then", "now"), _told(found.comparison))
     typer.echo()
