@@ -18,6 +18,7 @@ from app.services.clock import utc_now
 from app.services.container import build_services
 from app.services.tasks import LocateTask
 from app.settings import PoolKind, Settings
+from app.storage.checkpoints import FileCheckpoints
 from app.storage.database import Database
 from app.storage.map_cache import FileMapCache, open_map
 from app.telemetry import Metrics, configure_logging
@@ -28,7 +29,7 @@ from app.workers.kinds import build_work, contribute_work, segment_work
 from app.workers.pools import InlineExecutor, ThreadExecutor
 from app.workers.processes import ProcessExecutor
 from app.workers.runner import JobRunner, Lane
-from app.workers.tasks import BuildMap, ContributeSession, LocateSegment, SmoothSession
+from app.workers.tasks import BuildMap, ContributeSession, LocateSegment, ReplaySession, SmoothSession
 
 Pool = InlineExecutor | ThreadExecutor | ProcessExecutor
 
@@ -86,6 +87,7 @@ class Application:
             listener=events,
             locate_task=locate,
             smooth_task=SmoothSession(open_map, settings.maps_per_worker),
+            replay_task=ReplaySession(open_map, settings.maps_per_worker),
             max_queued=settings.max_queued_jobs,
         )
         self.runner = self._make_runner(events, locate)
@@ -158,7 +160,8 @@ class Application:
         processing, metrics = self.services.processing, self.metrics
         capacity = self.settings.workers + _SPARE_JOBS
         segments = segment_work(processing, self.segment_pool, locate, capacity=capacity, metrics=metrics)
-        builds = build_work(processing, self.build_pool, BuildMap(open_map), capacity=1, metrics=metrics)
+        build = BuildMap(open_map, FileCheckpoints(self.settings.checkpoint_dir))
+        builds = build_work(processing, self.build_pool, build, capacity=1, metrics=metrics)
         offers = contribute_work(
             processing, self.build_pool, ContributeSession(open_map, self.settings.maps_per_worker), metrics=metrics
         )

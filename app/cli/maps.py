@@ -48,11 +48,14 @@ def build(
         bool,
         typer.Option(help="Align walks with one another; not for calibrated devices along lines that hardly cross."),
     ] = True,
+    draft: Annotated[
+        bool, typer.Option("--draft", help="Only build it; publish it later with `isodyn map publish`.")
+    ] = False,
     survey: Annotated[list[str] | None, typer.Option(help="Only from these surveys; may be repeated.")] = None,
     url: Url = DEFAULT_URL,
     key: Key = None,
 ) -> None:
-    """Build a map of a level from its survey walks; it becomes the level's current map. Prints its id.
+    """Build a map of a level from its survey walks; it becomes the current one, unless it is a draft. Prints its id.
 
     Example:  isodyn map build lvl_... --cell 0.5
     """
@@ -65,6 +68,7 @@ def build(
             cell_m=cell,
             mapped_m=mapped,
             align=align,
+            publish=not draft,
             timeout=3600.0,
             progress=lambda job: bars.update(bar, completed=job.progress, text=job.progress_text),
         )

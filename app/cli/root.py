@@ -6,7 +6,21 @@ from typing import Annotated
 
 import typer
 
-from app.cli import bench, contributions, database, demo, evaluate, keys, locate, maps, replay, serve, surveys
+from app.cli import (
+    bench,
+    contributions,
+    database,
+    demo,
+    evaluate,
+    keys,
+    locate,
+    maps,
+    replay,
+    serve,
+    sessions,
+    surveys,
+    versions,
+)
 from app.cli.common import NAMED
 
 app = typer.Typer(
@@ -24,8 +38,11 @@ app.command("demo")(demo.demo)
 app.add_typer(surveys.app, name="survey")
 app.add_typer(maps.app, name="map")
 app.add_typer(contributions.app, name="contributions")
+for _command in (versions.publish, versions.rollback, versions.history, versions.sources, versions.diff):
+    maps.app.command(_command.__name__)(_command)
 app.command("locate")(locate.locate)
 app.command("replay")(replay.replay)
+app.add_typer(sessions.app, name="session")
 app.add_typer(evaluate.app, name="evaluate")
 app.add_typer(bench.app, name="bench")
 app.add_typer(keys.app, name="keys")

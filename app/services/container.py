@@ -15,12 +15,14 @@ from app.services.maps import MapService
 from app.services.methods import MethodCheck, check_method
 from app.services.ports import Executor, JobListener, MapCache, UnitOfWorkFactory
 from app.services.processing import ProcessingService
+from app.services.replays import ReplayService
 from app.services.sessions import SessionService
 from app.services.stats import StatsService
 from app.services.surveys import SurveyService
-from app.services.tasks import LocateTask, SmoothTask
+from app.services.tasks import LocateTask, ReplayTask, SmoothTask
 from app.services.trajectories import TrajectoryService
 from app.services.venues import VenueService
+from app.services.versions import VersionService
 
 DEFAULT_MAX_QUEUED = 10_000
 
@@ -34,9 +36,11 @@ class Services:
     surveys: SurveyService
     maps: MapService
     contributions: ContributionService
+    versions: VersionService
     sessions: SessionService
     locate: LocateService
     trajectories: TrajectoryService
+    replays: ReplayService
     jobs: JobService
     processing: ProcessingService
     accounts: AccountService
@@ -53,13 +57,14 @@ def build_services(
     listener: JobListener,
     locate_task: LocateTask,
     smooth_task: SmoothTask,
+    replay_task: ReplayTask,
     max_queued: int = DEFAULT_MAX_QUEUED,
     check: MethodCheck = check_method,
 ) -> Services:
     """Wire the use cases.
 
-    ``locate_task`` is what workers run for a one-shot location, ``smooth_task`` for a smoothed trajectory
-    (``app.workers.tasks``): the use cases know that they exist, not where they live.
+    ``locate_task`` is what workers run for a one-shot location, ``smooth_task`` for a smoothed trajectory,
+    ``replay_task`` for a replay (``app.workers.tasks``): the use cases know that they exist, not where they live.
     """
     return Services(
         venues=VenueService(uow=uow, clock=clock),
@@ -67,11 +72,13 @@ def build_services(
         surveys=SurveyService(uow=uow, clock=clock),
         maps=MapService(uow=uow, clock=clock, cache=cache, listener=listener),
         contributions=ContributionService(uow=uow, clock=clock, listener=listener),
+        versions=VersionService(uow=uow, clock=clock, cache=cache),
         sessions=SessionService(
             uow=uow, clock=clock, cache=cache, listener=listener, max_queued=max_queued, check=check
         ),
         locate=LocateService(uow=uow, clock=clock, executor=executor, cache=cache, task=locate_task, check=check),
         trajectories=TrajectoryService(uow=uow, clock=clock, executor=executor, cache=cache, task=smooth_task),
+        replays=ReplayService(uow=uow, clock=clock, executor=executor, cache=cache, task=replay_task),
         jobs=JobService(uow=uow, clock=clock, listener=listener),
         processing=ProcessingService(uow=uow, clock=clock, cache=cache),
         accounts=AccountService(uow=uow, clock=clock),

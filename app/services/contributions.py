@@ -7,7 +7,7 @@ from app.services.clock import Clock
 from app.services.errors import ConflictError
 from app.services.map_changes import queue_update
 from app.services.ports import JobListener, UnitOfWorkFactory
-from app.services.records import Contribution, ContributionState, FieldChange, Job, Page
+from app.services.records import Contribution, ContributionState, Job, LastingChange, Page
 
 
 class ContributionService(Service):
@@ -66,7 +66,7 @@ class ContributionService(Service):
 
     def changes(
         self, *, level_id: str | None = None, cursor: str | None = None, limit: int = DEFAULT_LIMIT
-    ) -> Page[FieldChange]:
+    ) -> Page[LastingChange]:
         """Changes of the field, newest first."""
         with self._uow() as uow:
             return uow.contributions.list_changes(level_id=level_id, cursor=cursor, limit=check_limit(limit))

@@ -12,6 +12,7 @@ from contextlib import AbstractContextManager
 from datetime import datetime
 from typing import Protocol, TypeVar
 
+from app.engine.mapping.placing import PlacedWalks
 from app.engine.types import (
     DeviceCalibration,
     Evidence,
@@ -22,6 +23,7 @@ from app.engine.types import (
     Progress,
     SurveyWalk,
     TrackerState,
+    WalkReport,
 )
 from app.services.aids import Recording
 from app.services.records import (
@@ -32,10 +34,10 @@ from app.services.records import (
     ContributionVerdict,
     Device,
     DeviceMemory,
-    FieldChange,
     Job,
     JobKind,
     JobState,
+    LastingChange,
     Level,
     LevelMap,
     MapInfo,
@@ -45,6 +47,7 @@ from app.services.records import (
     PackedMap,
     Page,
     Position,
+    Publication,
     SegmentInfo,
     SegmentResult,
     Session,
@@ -108,7 +111,10 @@ class LevelRepository(Protocol):
     def plan_image(self, level_id: str) -> bytes | None: ...
     def set_vector_plan(self, level_id: str, geojson: bytes, now: datetime) -> None: ...
     def vector_plan(self, level_id: str) -> bytes | None: ...
-    def set_current_map(self, level_id: str, map_id: str, now: datetime) -> None: ...
+    def set_current_map(self, level_id: str, map_id: str, now: datetime) -> str | None:
+        """Make a map the one that new sessions use, and return the one of before: see ``services.versions.publish``."""
+        ...
+
     def current_maps(self, venue_id: str, *, limit: int) -> Sequence[LevelMap]:
         """Current maps of the venue's levels that have one, lowest level first, at most ``limit``."""
         ...
@@ -148,6 +154,10 @@ class SurveyRepository(Protocol):
     def list_walks(self, survey_id: str, *, cursor: str | None, limit: int) -> Page[Walk]: ...
     def delete_walk(self, walk_id: str) -> None: ...
     def count_walks(self, level_id: str, survey_ids: Sequence[str]) -> int: ...
+    def find_walks(self, walk_ids: Sequence[str]) -> Mapping[str, Walk]:
+        """Those of these walks that are stored (still), by id."""
+        ...
+
     def walk_ids(self, level_id: str, survey_ids: Sequence[str]) -> Sequence[str]:
         """Ids of the level's walks (of these surveys only, when any are named), oldest first."""
         ...
@@ -168,6 +178,16 @@ class MapRepository(Protocol):
 
     def add_build(self, job_id: str, build: NewBuild) -> None: ...
     def get_build(self, job_id: str) -> NewBuild: ...
+    def finish_build(self, job_id: str, map_id: str) -> None: ...
+    def build_of(self, map_id: str) -> NewBuild | None:
+        """The build that a map came of; None for those of before this was noted, and for maps that were not built."""
+        ...
+
+    def tile_hashes(self, map_id: str) -> Sequence[str]: ...
+    def reports(self, map_id: str) -> Mapping[str, WalkReport]:
+        """Reports about the walks of a version by walk id: of its build, and of the updates since."""
+        ...
+
     def pack(self, grid_map: GridMap, evidence: Evidence | None = None) -> PackedMap:
         """Cut into tiles, compress and hash; touches no table, so it may run outside a write transaction."""
         ...
@@ -228,8 +248,16 @@ class ContributionRepository(Protocol):
         """Places where contributors agreed with independent evidence and where not, on levels but this one."""
         ...
 
-    def add_changes(self, changes: Sequence[FieldChange]) -> None: ...
-    def list_changes(self, *, level_id: str | None, cursor: str | None, limit: int) -> Page[FieldChange]: ...
+    def add_changes(self, changes: Sequence[LastingChange]) -> None: ...
+    def list_changes(self, *, level_id: str | None, cursor: str | None, limit: int) -> Page[LastingChange]: ...
+
+
+class PublicationRepository(Protocol):
+    """Which map version a level used since when."""
+
+    def add(self, publication: Publication) -> None: ...
+    def latest(self, level_id: str) -> Publication | None: ...
+    def list(self, level_id: str, *, cursor: str | None, limit: int) -> Page[Publication]: ...
 
 
 class SessionRepository(Protocol):
@@ -383,6 +411,7 @@ class UnitOfWork(Protocol):
     surveys: SurveyRepository
     maps: MapRepository
     contributions: ContributionRepository
+    publications: PublicationRepository
     sessions: SessionRepository
     jobs: JobRepository
     keys: KeyRepository
@@ -407,6 +436,14 @@ class MapCache(Protocol):
     def open(self, ref: MapRef) -> GridMap:
         """Memory-map a cached map."""
         ...
+
+
+class Checkpoints(Protocol):
+    """Keeps the placed walks of builds that run, so that an interrupted build need not place them again."""
+
+    def load(self, key: str) -> PlacedWalks | None: ...
+    def put(self, key: str, placed: PlacedWalks) -> None: ...
+    def drop(self, key: str) -> None: ...
 
 
 class JobListener(Protocol):

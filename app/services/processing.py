@@ -12,13 +12,14 @@ from app.engine.types import DeviceCalibration, Evidence, Fix, SurveyWalk
 from app.services.base import Service
 from app.services.clock import Clock
 from app.services.device_memory import remember_survey
-from app.services.errors import InvalidError
+from app.services.errors import InvalidError, NotSmoothableError
 from app.services.ids import new_id, seed_of
 from app.services.jobs import record_segment_failure
 from app.services.level_frame import in_level_frame
 from app.services.map_changes import box_of, changes_of, queue_update
 from app.services.map_refs import MapRefs
 from app.services.ports import MapCache, UnitOfWork, UnitOfWorkFactory
+from app.services.publishing import BUILT, UPDATED, publish
 from app.services.records import (
     Contribution,
     ContributionState,
@@ -33,6 +34,7 @@ from app.services.records import (
 )
 from app.services.reviews import news, reputation_of, verdict_of
 from app.services.session_end import end_if_over
+from app.services.stored_segments import load_segments
 from app.services.tasks import (
     BuildResult,
     BuildSpec,
@@ -44,7 +46,7 @@ from app.services.tasks import (
     SmoothSpec,
     UpdateBase,
 )
-from app.services.trajectories import check_smoothable, session_segments
+from app.services.trajectories import check_smoothable
 
 Outcome = dict[str, str | int | float]
 MAX_ATTEMPTS = 3
@@ -132,8 +134,8 @@ class ProcessingService(Service):
         session_id = str(job.subject["session_id"])
         with self._uow() as uow:
             session = uow.sessions.get(session_id)
-            check_smoothable(uow, session)
-            segments = session_segments(uow, session)
+            check_smoothable(session)
+            segments = load_segments(uow, session, NotSmoothableError)
             learned = uow.sessions.learned(session_id)
         return ContributeSpec(
             contribution_id=new_id("ctr", self._clock()),
@@ -195,7 +197,7 @@ class ProcessingService(Service):
             return uow.jobs.get(job.id)
 
     def complete_build(self, job: Job, result: BuildResult, build_s: float) -> Job:
-        """Store the map as the level's next version and make it the current one; its walks teach their devices."""
+        """Store the map as the level's next version; publish it unless it is a draft. Its walks teach their devices."""
         now = self._clock()
         grid_map, base = result.build.grid_map, result.base
         with self._uow() as uow:
@@ -212,10 +214,14 @@ class ProcessingService(Service):
             if finished:
                 remember_survey(uow, info.level_id, info.walks, now)
                 uow.maps.add(info, packed, keep=None if base is None else base.box)
-                uow.levels.set_current_map(info.level_id, info.id, now)
+                uow.maps.finish_build(job.id, info.id)
+                order = uow.maps.get_build(job.id)
+                if order.publish:
+                    publish(uow, info, now, key_id=order.key_id, note=BUILT if base is None else UPDATED)
                 uow.contributions.decide([verdict_of(verdict) for verdict in result.verdicts], now)
                 uow.contributions.add_changes(news(uow, info, result.changes, now))
-                queue_update(uow, info.level_id, now)
+                if order.publish:  # a draft is no base for what comes after it
+                    queue_update(uow, info.level_id, now)
             done = uow.jobs.get(job.id)
         self._shown.pop(job.id, None)
         if finished:

@@ -13,14 +13,18 @@ from enum import StrEnum
 from typing import Generic, TypeVar
 
 from app.engine.geodesy import TangentPlane
+from app.engine.localization.comparison import FixComparison
+from app.engine.mapping.diff import DiffSummary
 from app.engine.types import (
     DeviceCalibration,
     FeatureSet,
     Fix,
+    Float32Array,
     ImuSamples,
     MapBuildSettings,
     Prior,
     RadioScans,
+    SourceKind,
     WalkReport,
     Waypoints,
 )
@@ -258,6 +262,90 @@ class LevelMap:
 
 
 @dataclass(frozen=True, slots=True)
+class Publication:
+    """A map version became the one that new sessions on its level use.
+
+    ``from_map_id`` is the one before, None for a level's first; ``key_id`` says who published it, None if the service
+    did so without being asked.
+    """
+
+    id: str
+    level_id: str
+    map_id: str
+    from_map_id: str | None
+    key_id: str | None
+    note: str
+    created_at: datetime
+
+
+@dataclass(frozen=True, slots=True)
+class MapSource:
+    """Who contributed to a map version.
+
+    ``n_samples`` counts the placed field samples it brought, of which ``n_used`` have some weight; None for versions of
+    before evidence was kept. ``rejected`` says why a walk was left out, if it was.
+    """
+
+    id: str
+    kind: SourceKind
+    survey_id: str | None
+    device_id: str | None
+    contributor: str | None
+    n_samples: int | None
+    n_used: int | None
+    rejected: str | None
+
+
+@dataclass(frozen=True, slots=True)
+class TileCounts:
+    """Tiles of a version by content: shared with the other one, new in it, and of the other one only."""
+
+    shared: int
+    new: int
+    gone: int
+
+
+@dataclass(frozen=True, slots=True)
+class Change(Generic[T]):
+    """What came and what went."""
+
+    added: tuple[T, ...]
+    removed: tuple[T, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class SettingChange:
+    """A setting in which two builds differ."""
+
+    name: str
+    now: object
+    then: object
+
+
+@dataclass(frozen=True, slots=True)
+class VersionDiff:
+    """What differs between a version and another one of its level; ``sources`` are ids of those in use."""
+
+    map_id: str
+    against: str
+    identical: bool
+    field: DiffSummary
+    tiles: TileCounts
+    sources: Change[str]
+    settings: tuple[SettingChange, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ChangeRaster:
+    """One value a node, shape (rows, columns); node ``[0, 0]`` lies at (x0, y0), nodes are ``cell_m`` apart."""
+
+    values: Float32Array
+    x0: float
+    y0: float
+    cell_m: float
+
+
+@dataclass(frozen=True, slots=True)
 class Session:
     """One trip of one device.
 
@@ -339,7 +427,7 @@ class ContributionVerdict:
 
 
 @dataclass(frozen=True, slots=True)
-class FieldChange:
+class LastingChange:
     """A lasting change of the field that independent passes agree on.
 
     Attributes
@@ -432,6 +520,19 @@ class Trajectory:
 
 
 @dataclass(frozen=True, slots=True)
+class Replay:
+    """A session's fixes on other maps, and how they compare with those that were told then."""
+
+    session_id: str
+    level_id: str | None
+    maps: tuple[LevelMap, ...]
+    maps_then: tuple[LevelMap, ...]
+    method: str
+    fixes: tuple[Fix, ...]
+    comparison: FixComparison
+
+
+@dataclass(frozen=True, slots=True)
 class Located:
     """Result of a one-shot location."""
 
@@ -472,6 +573,10 @@ class NewBuild:
     survey_ids: tuple[str, ...] = ()
     mode: MapKind = MapKind.BUILD
     """An update keeps the settings of the current map."""
+    publish: bool = True
+    """Whether new sessions use the version as soon as it is built; a draft waits to be published."""
+    key_id: str | None = None
+    """Who asked for it."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,7 +13,7 @@ from app.engine.mapping.crowd.weigh import Verdict
 from app.services.base import MAX_LIMIT
 from app.services.ids import new_id
 from app.services.ports import UnitOfWork
-from app.services.records import ContributionState, ContributionVerdict, FieldChange, MapInfo
+from app.services.records import ContributionState, ContributionVerdict, LastingChange, MapInfo
 
 _PRIOR = (2.0, 1.0)
 """Agreeing and disagreeing places of a contributor nobody knows."""
@@ -49,7 +49,7 @@ def verdict_of(verdict: Verdict) -> ContributionVerdict:
     )
 
 
-def news(uow: UnitOfWork, info: MapInfo, events: Sequence[ChangeEvent], now: datetime) -> list[FieldChange]:
+def news(uow: UnitOfWork, info: MapInfo, events: Sequence[ChangeEvent], now: datetime) -> list[LastingChange]:
     """Changes that are not noted yet: what was found before is found again whenever the place is weighed."""
     if not events:
         return []
@@ -58,10 +58,10 @@ def news(uow: UnitOfWork, info: MapInfo, events: Sequence[ChangeEvent], now: dat
     return [one for one in found if not any(_same(one, other) for other in known)]
 
 
-def _change(info: MapInfo, event: ChangeEvent, now: datetime) -> FieldChange:
+def _change(info: MapInfo, event: ChangeEvent, now: datetime) -> LastingChange:
     cells, half = np.array(event.cells), 0.5 * event.cell_m
     (x_min, y_min), (x_max, y_max) = cells.min(axis=0) - half, cells.max(axis=0) + half
-    return FieldChange(
+    return LastingChange(
         id=new_id("chg", now),
         level_id=info.level_id,
         map_id=info.id,
@@ -78,7 +78,7 @@ def _time(t: float) -> datetime | None:
     return datetime.fromtimestamp(t, UTC) if np.isfinite(t) and t > 0.0 else None
 
 
-def _same(one: FieldChange, other: FieldChange) -> bool:
+def _same(one: LastingChange, other: LastingChange) -> bool:
     """Whether they overlap in place and in time: later passes only narrow a change down."""
     apart = (
         one.box[0] > other.box[2] or other.box[0] > one.box[2] or one.box[1] > other.box[3] or other.box[1] > one.box[3]

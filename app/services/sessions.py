@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from datetime import datetime
 
+from app.engine.localization.particle import ParticleTracker
 from app.engine.types import FixKind, Prior
 from app.services.aids import Recording
 from app.services.base import DEFAULT_LIMIT, Service, check_limit, check_number_cursor
@@ -70,20 +71,28 @@ class SessionService(Service):
         venue_id: str | None = None,
         device_id: str | None = None,
         map_id: str | None = None,
+        map_ids: Sequence[str] = (),
         calibration_epoch: str = "",
         contributor: str | None = None,
     ) -> Session:
         """Open a session on a level, with its current map (or the named version) pinned.
 
-        With ``venue_id`` instead of a level: on any level of the venue that has a map, with all of these pinned. The
-        session starts with what earlier ones taught about the device in this epoch of its magnetometer. With
-        ``contributor``, the key that answers for it, what it saw is offered to the maps when it is closed.
+        With ``venue_id`` instead of a level: on any level of the venue that has a map, with all of these pinned;
+        ``map_ids`` are versions to pin in place of current ones. The session starts with what earlier ones taught about
+        the device in this epoch of its magnetometer. With ``contributor``, the key that answers for it, what it saw is
+        offered to the maps when it is closed.
         """
         self._check(method, parameters)
         now = self._clock()
         with self._uow(write=True) as uow:
-            place = choose_place(uow, level_id, venue_id, map_id)
+            place = choose_place(uow, level_id, venue_id, map_id, map_ids)
             chosen = method_for(uow, place, method, prior)
+            if contributor is not None and chosen.name != ParticleTracker.method:
+                raise InvalidError(
+                    "contribute",
+                    f"sessions of the method {chosen.name!r} have no smoothed track to offer",
+                    f"use the method {ParticleTracker.method!r}, or leave contribute out",
+                )
             calibration = starting_calibration(uow, device_id, calibration_epoch)
             session = Session(
                 id=new_id("ses", now),

@@ -81,6 +81,26 @@ class SmoothResult:
 
 
 @dataclass(frozen=True, slots=True)
+class ReplaySpec:
+    """Take all these segments of a session once more, oldest first, from its start."""
+
+    method: str
+    parameters: Mapping[str, object]
+    prior: Prior
+    seed: int
+    segments: tuple[Segment, ...]
+    maps: tuple[MapRef, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class ReplayResult:
+    """The fixes of all segments as they are told one after the other."""
+
+    fixes: tuple[Fix, ...]
+    cpu_s: float
+
+
+@dataclass(frozen=True, slots=True)
 class UpdateBase:
     """The version that an update starts from.
 
@@ -171,4 +191,5 @@ class ContributeResult:
 ContributeTask = Callable[[ContributeSpec, Progress], ContributeResult]
 LocateTask = Callable[[LocateSpec, Progress], LocateResult]
 SmoothTask = Callable[[SmoothSpec, Progress], SmoothResult]
+ReplayTask = Callable[[ReplaySpec, Progress], ReplayResult]
 BuildTask = Callable[[BuildSpec, Progress], BuildResult]

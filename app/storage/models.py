@@ -30,6 +30,7 @@ from sqlalchemy import (
     Text,
     TypeDecorator,
     UniqueConstraint,
+    true,
 )
 
 metadata = MetaData(
@@ -215,6 +216,10 @@ map_builds = Table(
     Column("settings", JSON, nullable=False),
     Column("survey_ids", JSON, nullable=False),
     Column("mode", String(16), nullable=False, server_default="build"),
+    Column("publish", Boolean, nullable=False, server_default=true()),
+    _reference("key_id", "api_keys.id", nullable=True),
+    # what came of it
+    _reference("map_id", "maps.id", nullable=True, index=True),
 )
 
 maps = Table(
@@ -275,6 +280,19 @@ current_maps = Table(
     metadata,
     Column("level_id", ID, ForeignKey("levels.id"), primary_key=True),
     _reference("map_id", "maps.id"),
+)
+
+publications = Table(
+    "publications",
+    metadata,
+    _id(),
+    _reference("level_id", "levels.id"),
+    _reference("map_id", "maps.id"),
+    _reference("from_map_id", "maps.id", nullable=True),
+    _reference("key_id", "api_keys.id", nullable=True),
+    Column("note", Text, nullable=False),
+    _time("created_at"),
+    Index(None, "level_id", "id"),
 )
 
 tiles = Table(

@@ -12,6 +12,7 @@ from app.services.ports import (
     KeyRepository,
     LevelRepository,
     MapRepository,
+    PublicationRepository,
     SessionRepository,
     SurveyRepository,
     VenueRepository,
@@ -24,6 +25,7 @@ from app.storage.repositories.jobs import SqlJobRepository
 from app.storage.repositories.keys import SqlKeyRepository
 from app.storage.repositories.levels import SqlLevelRepository
 from app.storage.repositories.maps import SqlMapRepository
+from app.storage.repositories.publications import SqlPublicationRepository
 from app.storage.repositories.sessions import SqlSessionRepository
 from app.storage.repositories.stats import read_stats
 from app.storage.repositories.surveys import SqlSurveyRepository
@@ -41,6 +43,7 @@ class SqlUnitOfWork:
         self.surveys: SurveyRepository = SqlSurveyRepository(connection, writable=writable)
         self.maps: MapRepository = SqlMapRepository(connection, writable=writable)
         self.contributions: ContributionRepository = SqlContributionRepository(connection, writable=writable)
+        self.publications: PublicationRepository = SqlPublicationRepository(connection, writable=writable)
         self.sessions: SessionRepository = SqlSessionRepository(connection, writable=writable)
         self.jobs: JobRepository = SqlJobRepository(connection, writable=writable)
         self.keys: KeyRepository = SqlKeyRepository(connection, writable=writable)

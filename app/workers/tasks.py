@@ -21,6 +21,7 @@ from app.engine.mapping import MapModel, build_map, update_map
 from app.engine.mapping.crowd.contribution import contribute
 from app.engine.mapping.crowd.weigh import Weighed, weigh
 from app.engine.types import Evidence, EvidenceSource, Fix, GridMap, MapBuild, Progress, SourceKind
+from app.services.ports import Checkpoints
 from app.services.tasks import (
     BuildResult,
     BuildSpec,
@@ -30,10 +31,13 @@ from app.services.tasks import (
     LocateSpec,
     MapRef,
     Offer,
+    ReplayResult,
+    ReplaySpec,
     SmoothResult,
     SmoothSpec,
     UpdateBase,
 )
+from app.workers.placing import placed_once
 
 MapOpener = Callable[[Path], GridMap]
 
@@ -153,24 +157,51 @@ class ContributeSession:
 
 
 @dataclass(frozen=True, slots=True)
+class ReplaySession:
+    """Takes all segments of a session once more, as they were taken one after the other."""
+
+    open_map: MapOpener
+    keep_maps: int = 16
+
+    def __call__(self, spec: ReplaySpec, progress: Progress) -> ReplayResult:  # noqa: ARG002 - somebody waits anyway
+        """Go from the prior through all segments; on the maps of then, the fixes of then."""
+        started = time.thread_time()
+        tracker = create_tracker(spec.method, spec.parameters)
+        maps = SpecMaps(spec.maps, self.open_map, self.keep_maps)
+        state = tracker.start(spec.prior, seed=spec.seed)
+        fixes: list[Fix] = []
+        for segment in spec.segments:
+            answer = tracker.answer(state, segment, maps)
+            state = answer.state
+            fixes += answer.fixes
+        return ReplayResult(fixes=tuple(fixes), cpu_s=time.thread_time() - started)
+
+
+@dataclass(frozen=True, slots=True)
 class BuildMap:
     """Builds a level's map from its survey walks, or brings one up to date."""
 
     open_map: MapOpener
+    checkpoints: Checkpoints | None = None
+    """Where a build goes on if it was interrupted; None: from the start."""
 
     def __call__(self, spec: BuildSpec, progress: Progress) -> BuildResult:
         """Build; the same spec always gives the same result."""
         started = time.thread_time()
         if spec.base is None:
-            result = BuildResult(_built(spec, progress), cpu_s=0.0)
+            result = BuildResult(_built(spec, self.checkpoints, progress), cpu_s=0.0)
         else:
             result = _updated(spec, spec.base, self.open_map, progress)
         return replace(result, cpu_s=time.thread_time() - started)
 
 
-def _built(spec: BuildSpec, progress: Progress) -> MapBuild:
+def _built(spec: BuildSpec, checkpoints: Checkpoints | None, progress: Progress) -> MapBuild:
     walks = [new.walk for new in spec.walks]
-    build = build_map(spec.level_id, walks, spec.settings, progress, plan=spec.plan)
+    if checkpoints is None:
+        build = build_map(spec.level_id, walks, spec.settings, progress, plan=spec.plan)
+    else:
+        with placed_once(checkpoints, walks, align=spec.settings.align, progress=progress) as placing:
+            build = build_map(spec.level_id, walks, spec.settings, progress, plan=spec.plan, placing=placing)
     owners = {new.walk.walk_id: new for new in spec.walks}
     sources = tuple(
         replace(source, contributor=owners[source.id].contributor, device=owners[source.id].device)

@@ -22,11 +22,13 @@ from app.api.schemas import (
     maps,
     methods,
     positions,
+    replays,
     segments,
     sessions,
     stats,
     surveys,
     venues,
+    versions,
 )
 from app.api.schemas import samples as sample_schemas
 from app.engine.localization.registry import METHODS
@@ -44,12 +46,14 @@ MODULES = [
     maps,
     methods,
     positions,
+    replays,
     sample_schemas,
     segments,
     sessions,
     stats,
     surveys,
     venues,
+    versions,
 ]
 HIDDEN = {"GET /docs", "GET /openapi.json"}
 

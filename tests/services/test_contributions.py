@@ -25,7 +25,6 @@ from app.services.records import (
     NewBuild,
     Session,
 )
-from app.services.reviews import verdict_of
 from app.services.tasks import BuildResult, BuildSpec, ContributeResult, Offer
 from tests.support.builders import World, grid_map, locate_result, new_segment, new_walk
 

@@ -117,7 +117,7 @@ def test_radio_readings_of_the_survey_reach_the_build(world: World) -> None:
     world.services.surveys.add_walk(survey.id, new_walk(seed=1, wifi=scans()))
     world.services.maps.request_build(NewBuild(level.id))
     (job,) = world.services.processing.claim(1)
-    bare, heard = world.services.processing.build_spec(job).walks
+    bare, heard = (new.walk for new in world.services.processing.build_spec(job).walks)
     assert bare.wifi is None
     assert heard.wifi is not None
     assert heard.wifi.address == scans().address

@@ -53,7 +53,7 @@ from app.services.records import (
     Session,
     VenueKind,
 )
-from app.services.tasks import BuildResult, LocateResult, LocateSpec, SmoothResult, SmoothSpec
+from app.services.tasks import BuildResult, LocateResult, LocateSpec, ReplayResult, ReplaySpec, SmoothResult, SmoothSpec
 from app.storage import Database, FileMapCache
 
 Spec = TypeVar("Spec")
@@ -263,15 +263,14 @@ def map_build(
         for walk_id, scale in (strides or {}).items()
     )
     built = grid_map(level_id, seed=seed, plan=plan, radio=radio)
-    evidence = Evidence.joined(
-        [
-            Evidence.of(
-                built.features, EvidenceSource(report.walk_id, SourceKind.SURVEY), np.full((3, 2), i), np.ones((3, 2))
-            )
-            for i, report in enumerate(reports)
-            if report.rejected is None
-        ]
-    )
+    parts = [
+        Evidence.of(
+            built.features, EvidenceSource(report.walk_id, SourceKind.SURVEY), np.full((3, 2), i), np.ones((3, 2))
+        )
+        for i, report in enumerate(reports)
+        if report.rejected is None
+    ]
+    evidence = Evidence.joined(parts) if parts else Evidence.empty(built.features)
     model = {"level": {"mean": [20.0, 40.0], "sd": [5.0, 6.0]}, "covariance": {"length_m": 5.0}}
     return MapBuild(built, reports, 12_345, 2.5, (8.0, 7.5), evidence, model)
 
@@ -327,6 +326,17 @@ def answer_smooth(spec: SmoothSpec, progress: Progress) -> SmoothResult:
     return SmoothResult(fixes, cpu_s=0.0)
 
 
+def answer_replay(spec: ReplaySpec, progress: Progress) -> ReplayResult:
+    """A replay task without an engine: what ``answer_locate`` tells of each segment."""
+    state, fixes = None, []
+    for segment in spec.segments:
+        part = LocateSpec(spec.method, spec.parameters, spec.prior, spec.seed, state, segment, spec.maps)
+        result = answer_locate(part, progress)
+        state = result.state
+        fixes += result.fixes
+    return ReplayResult(tuple(fixes), cpu_s=0.0)
+
+
 def check_known_method(method: str, parameters: Mapping[str, object]) -> None:
     """A method check without an engine."""
     if method not in ("particle", "dead_reckoning", "auto"):
@@ -372,6 +382,7 @@ class World:
             listener=listener,
             locate_task=answer_locate,
             smooth_task=answer_smooth,
+            replay_task=answer_replay,
             max_queued=max_queued,
             check=check_known_method,
         )

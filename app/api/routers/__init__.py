@@ -11,12 +11,14 @@ from app.api.routers import (
     maps,
     methods,
     positions,
+    replays,
     segments,
     sessions,
     stats,
     surveys,
     trajectories,
     venues,
+    versions,
 )
 
 ROUTERS = (
@@ -26,11 +28,13 @@ ROUTERS = (
     devices.router,
     surveys.router,
     maps.router,
+    versions.router,
     sessions.router,
     contributions.router,
     segments.router,
     positions.router,
     trajectories.router,
+    replays.router,
     locate.router,
     jobs.router,
     methods.router,

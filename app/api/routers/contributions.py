@@ -12,7 +12,7 @@ from app.api.deps import ServicesDep
 from app.api.pagination import PagingDep, link_next
 from app.api.responses import guarded
 from app.api.routing import api_router
-from app.api.schemas.contributions import ContributionOut, ContributionPage, FieldChangeOut, FieldChangePage
+from app.api.schemas.contributions import ContributionOut, ContributionPage, LastingChangeOut, LastingChangePage
 from app.services.records import ContributionState, Scope
 
 router = api_router("contributions")
@@ -104,8 +104,8 @@ def list_changes(
     request: Request,
     response: Response,
     level_id: Annotated[str | None, Query(description="Of this level only.")] = None,
-) -> FieldChangePage:
+) -> LastingChangePage:
     """Lasting changes of the field that independent passes agree on (a new lift, moved steel), newest first."""
     page = services.contributions.changes(level_id=level_id, cursor=paging.cursor, limit=paging.limit)
     link_next(request, response, page.next_cursor)
-    return FieldChangePage(items=[FieldChangeOut.of(one) for one in page.items], next_cursor=page.next_cursor)
+    return LastingChangePage(items=[LastingChangeOut.of(one) for one in page.items], next_cursor=page.next_cursor)

@@ -33,7 +33,7 @@ def create_session(
     """Open a session: one trip of one device, on a level or (level unknown) anywhere in a venue.
 
     Exactly one of `level_id` and `venue_id`. The level's current map (or `map_id`) is pinned to the session, or the
-    current maps of all levels of the venue that have one.
+    current maps of all levels of the venue that have one (with `map_ids` in place of some).
     """
     session = creation.once(
         lambda: services.sessions.create(
@@ -44,6 +44,7 @@ def create_session(
             venue_id=body.venue_id,
             device_id=body.device_id,
             map_id=body.map_id,
+            map_ids=body.map_ids,
             calibration_epoch=body.calibration_epoch,
             contributor=key.id if body.contribute else None,
         ),

@@ -95,7 +95,7 @@ class ContributionPage(PageOut):
     items: list[ContributionOut]
 
 
-class FieldChangeOut(Out):
+class LastingChangeOut(Out):
     """A lasting change of the field that independent passes agree on."""
 
     model_config = example(_CHANGE)
@@ -111,15 +111,15 @@ class FieldChangeOut(Out):
     created_at: Time
 
     @classmethod
-    def of(cls, change: records.FieldChange) -> Self:
+    def of(cls, change: records.LastingChange) -> Self:
         """Show a change."""
         plain = {item.name: getattr(change, item.name) for item in fields(change)}
         return cls(**{**plain, "box": list(change.box), "delta": list(change.delta)})
 
 
-class FieldChangePage(PageOut):
+class LastingChangePage(PageOut):
     """Changes of the field, newest first."""
 
     model_config = example({"items": [_CHANGE], "next_cursor": None})
 
-    items: list[FieldChangeOut]
+    items: list[LastingChangeOut]

@@ -98,6 +98,14 @@ class MapIn(In):
             "for calibrated devices along lines that hardly cross: there what differs between walks is the field.",
         ),
     ] = _DEFAULTS.align
+    publish: Annotated[
+        bool,
+        Field(
+            strict=True,
+            description="Whether new sessions use the version once it is built. False: a draft, to be looked at and "
+            "published with `PUT /v1/levels/{level_id}/map`.",
+        ),
+    ] = True
 
 
 class WalkReportOut(Out):

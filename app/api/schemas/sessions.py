@@ -13,7 +13,7 @@ from app.api.schemas.devices import CALIBRATION_EXAMPLE, DEVICE_ID, CalibrationO
 from app.api.schemas.levels import LEVEL_ID
 from app.api.schemas.maps import MAP_ID
 from app.api.schemas.methods import MethodName, MethodReason
-from app.api.schemas.places import LevelOfTrip, MapIdOut, MapOfTrip, MapsOut, VenueOfTrip, maps_object
+from app.api.schemas.places import LevelOfTrip, MapIdOut, MapOfTrip, MapsOfTrip, MapsOut, VenueOfTrip, maps_object
 from app.api.schemas.venues import VENUE_ID
 from app.engine.localization.registry import DEFAULT_METHOD
 from app.engine.types import Prior
@@ -138,6 +138,7 @@ class SessionIn(In):
     prior: PriorIn | None = None
     device_id: IdRef | None = None
     map_id: MapOfTrip = None
+    map_ids: MapsOfTrip = ()
     calibration_epoch: Annotated[
         Epoch,
         Field(

@@ -10,7 +10,7 @@ from typing import Any
 from sqlalchemy import Row, delete, func, insert, select, update
 
 from app.engine.types import Evidence, FeatureSet
-from app.services.records import Contribution, ContributionState, ContributionVerdict, FieldChange, Page
+from app.services.records import Contribution, ContributionState, ContributionVerdict, LastingChange, Page
 from app.storage.evidence import pack_rows, unpack_evidence
 from app.storage.models import contribution_rows, contributions, field_changes
 from app.storage.repositories.base import Repository, expect_one
@@ -111,12 +111,12 @@ class SqlContributionRepository(Repository):
         rows = self._read(statement.group_by(contributions.c.contributor))
         return {row.contributor: (int(row.n_agreed), int(row.n_disagreed)) for row in rows}
 
-    def add_changes(self, changes: Sequence[FieldChange]) -> None:
+    def add_changes(self, changes: Sequence[LastingChange]) -> None:
         """Note changes of the field."""
         if changes:
             self._write(insert(field_changes), [_change_values(change) for change in changes])
 
-    def list_changes(self, *, level_id: str | None, cursor: str | None, limit: int) -> Page[FieldChange]:
+    def list_changes(self, *, level_id: str | None, cursor: str | None, limit: int) -> Page[LastingChange]:
         """Changes of the field, newest first."""
         statement = select(field_changes)
         if level_id is not None:
@@ -137,10 +137,10 @@ def _contribution(row: Row[Any]) -> Contribution:
     )
 
 
-def _change_values(change: FieldChange) -> dict[str, Any]:
+def _change_values(change: LastingChange) -> dict[str, Any]:
     return asdict(change) | {"box": list(change.box), "delta": list(change.delta)}
 
 
-def _change(row: Row[Any]) -> FieldChange:
+def _change(row: Row[Any]) -> LastingChange:
     values = dict(row._mapping)
-    return FieldChange(**{**values, "box": tuple(values["box"]), "delta": tuple(values["delta"])})
+    return LastingChange(**{**values, "box": tuple(values["box"]), "delta": tuple(values["delta"])})

@@ -66,11 +66,14 @@ class SqlLevelRepository(Repository):
         """The vector plan, if there is one."""
         return self._plan(level_id, _VECTOR)
 
-    def set_current_map(self, level_id: str, map_id: str, now: datetime) -> None:
-        """Make a map the one that new sessions use."""
+    def set_current_map(self, level_id: str, map_id: str, now: datetime) -> str | None:
+        """Make a map the one that new sessions use; returns the one of before."""
         self._mark(level_id, now)
-        self._write(delete(current_maps).where(current_maps.c.level_id == level_id))
+        of_level = current_maps.c.level_id == level_id
+        before: str | None = self._read(select(current_maps.c.map_id).where(of_level)).scalar()
+        self._write(delete(current_maps).where(of_level))
         self._write(insert(current_maps).values(level_id=level_id, map_id=map_id))
+        return before
 
     def current_maps(self, venue_id: str, *, limit: int) -> Sequence[LevelMap]:
         """Current maps of the venue's levels that have one, lowest level first, at most ``limit``."""

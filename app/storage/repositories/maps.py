@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from collections.abc import Set as AbstractSet
 from dataclasses import asdict, replace
 from typing import Any
 
-from sqlalchemy import ColumnElement, Row, Table, func, insert, literal, not_, select
+from sqlalchemy import ColumnElement, Row, Table, func, insert, literal, not_, select, update
 
 from app.engine.types import Evidence, FeatureSet, GridMap, MapBuildSettings, WalkReport
 from app.services.ports import Box
@@ -52,21 +52,35 @@ class SqlMapRepository(Repository):
 
     def add_build(self, job_id: str, build: NewBuild) -> None:
         """Note what a build job is to build."""
-        settings = asdict(build.settings)
         self._write(
             insert(map_builds).values(
                 job_id=job_id,
                 level_id=build.level_id,
-                settings=settings,
+                settings=asdict(build.settings),
                 survey_ids=list(build.survey_ids),
                 mode=build.mode,
+                publish=build.publish,
+                key_id=build.key_id,
             )
         )
 
     def get_build(self, job_id: str) -> NewBuild:
         """What a build job is to build."""
-        row = self._one("map build", job_id, select(map_builds).where(map_builds.c.job_id == job_id))
-        return NewBuild(row.level_id, _settings(row.settings), tuple(row.survey_ids), MapKind(row.mode))
+        return _build(self._one("map build", job_id, select(map_builds).where(map_builds.c.job_id == job_id)))
+
+    def finish_build(self, job_id: str, map_id: str) -> None:
+        """Note which map came of a build."""
+        self._write(update(map_builds).where(map_builds.c.job_id == job_id).values(map_id=map_id))
+
+    def build_of(self, map_id: str) -> NewBuild | None:
+        """The build that a map came of; None for those of before this was noted, and for maps that were not built."""
+        row = self._read(select(map_builds).where(map_builds.c.map_id == map_id)).one_or_none()
+        return None if row is None else _build(row)
+
+    def tile_hashes(self, map_id: str) -> Sequence[str]:
+        """Content hashes of a map's tiles, row by row."""
+        ordered = select(map_tiles.c.tile_hash).order_by(map_tiles.c.row, map_tiles.c.column)
+        return self._read(ordered.where(map_tiles.c.map_id == map_id)).scalars().all()
 
     def pack(self, grid_map: GridMap, evidence: Evidence | None = None) -> PackedMap:
         """Cut into tiles, compress and hash; touches no table."""
@@ -112,6 +126,16 @@ class SqlMapRepository(Repository):
             if version.kind == MapKind.BUILD or version.parent_id is None:
                 return known
             version = versions[version.parent_id]
+
+    def reports(self, map_id: str) -> Mapping[str, WalkReport]:
+        """Reports about the walks of a version by walk id: of its build, and of the updates since."""
+        columns = (maps.c.id, maps.c.parent_id, maps.c.kind, maps.c.walks)
+        rows = self._read(select(*columns).where(maps.c.level_id == self.get(map_id).level_id))
+        versions = {row.id: row for row in rows}
+        chain = [versions[map_id]]
+        while chain[-1].kind == MapKind.UPDATE and chain[-1].parent_id is not None:
+            chain.append(versions[chain[-1].parent_id])
+        return {report.walk_id: report for version in reversed(chain) for report in map(_report, version.walks)}
 
     def get(self, map_id: str) -> MapInfo:
         """One map version, without its tiles."""
@@ -177,6 +201,17 @@ class SqlMapRepository(Repository):
         return known
 
 
+def _build(row: Row[Any]) -> NewBuild:
+    return NewBuild(
+        level_id=row.level_id,
+        settings=_settings(row.settings),
+        survey_ids=tuple(row.survey_ids),
+        mode=MapKind(row.mode),
+        publish=row.publish,
+        key_id=row.key_id,
+    )
+
+
 def _inside(box: Box) -> ColumnElement[bool]:
     rows, columns = tiles_in(box)
     return map_evidence.c.row.between(rows[0], rows[-1]) & map_evidence.c.column.between(columns[0], columns[-1])
@@ -219,5 +254,9 @@ def _info(row: Row[Any]) -> MapInfo:
         features=FeatureSet(values["features"]),
         noise_sd=tuple(values["noise_sd"]),
         field_sd=tuple(values["field_sd"]),
-        walks=tuple(WalkReport(**{**walk, "offset": tuple(walk["offset"])}) for walk in values["walks"]),
+        walks=tuple(map(_report, values["walks"])),
     )
+
+
+def _report(stored: dict[str, Any]) -> WalkReport:
+    return WalkReport(**{**stored, "offset": tuple(stored["offset"])})

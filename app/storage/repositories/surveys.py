@@ -80,6 +80,11 @@ class SqlSurveyRepository(Repository):
         row = self._read(statement).one_or_none()
         return None if row is None else _walk(row)
 
+    def find_walks(self, walk_ids: Sequence[str]) -> Mapping[str, Walk]:
+        """Those of these walks that are stored (still), by id."""
+        rows = self._read(select(walks).where(walks.c.id.in_(walk_ids)))
+        return {row.id: _walk(row) for row in rows}
+
     def list_walks(self, survey_id: str, *, cursor: str | None, limit: int) -> Page[Walk]:
         """Walks of a survey, oldest first."""
         statement = select(walks).where(walks.c.survey_id == survey_id)

@@ -1,7 +1,7 @@
 """Contributions of sessions to maps, and changes of the field.
 
 Revision ID: r0015
-Revises: r0011
+Revises: r0012
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ import sqlalchemy as sa
 from alembic import op
 
 revision = "r0015"
-down_revision = "r0011"
+down_revision = "r0012"
 branch_labels = None
 depends_on = None
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from types import TracebackType
 from typing import Any, Concatenate, ParamSpec, Self, TypeVar
 
@@ -154,6 +154,7 @@ class Client:
         prior: Prior | None = None,
         device_id: str | None = None,
         map_id: str | None = None,
+        map_ids: Sequence[str] | None = None,
         calibration_epoch: str | None = None,
         contribute: bool | None = None,
     ) -> Session:
@@ -169,6 +170,7 @@ class Client:
             prior=prior,
             device_id=device_id,
             map_id=map_id,
+            map_ids=map_ids,
             calibration_epoch=calibration_epoch,
             contribute=contribute,
         )
@@ -208,6 +210,12 @@ class Client:
     build_map = _flow(Flows.build_map)
     update_map = _flow(Flows.update_map)
     map_info = _call(endpoints.map_info)
+    publish_map = _call(endpoints.publish_map)
+    publications = _list(endpoints.publications)
+    map_sources = _list(endpoints.map_sources)
+    map_diff = _call(endpoints.map_diff)
+    map_change = _call(endpoints.map_change)
+    map_change_image = _call(endpoints.map_change_image)
     maps = _list(endpoints.maps)
     map_field = _call(endpoints.map_field)
     map_image = _call(endpoints.map_image)
@@ -231,6 +239,7 @@ class Client:
     positions = _flow(Flows.positions)
     positions_geojson = _call(endpoints.positions_geojson)
     trajectory = _call(endpoints.trajectory)
+    replay = _call(endpoints.replay)
     locate = _call(endpoints.locate)
 
     job = _call(endpoints.job)

@@ -30,16 +30,19 @@ from isodyn_client.models import (
     Device,
     Extent,
     FeatureSet,
-    FieldChange,
     FixKind,
     Job,
     JobState,
+    LastingChange,
     Level,
+    MapDiff,
     MapInfo,
+    MapSource,
     Method,
     NewApiKey,
     Page,
     Prior,
+    Publication,
     Scope,
     SessionInfo,
     SessionStatus,
@@ -49,7 +52,7 @@ from isodyn_client.models import (
     VenueKind,
     Walk,
 )
-from isodyn_client.results import LocateResult, PositionPage, SegmentInfo, SegmentResult, Trajectory
+from isodyn_client.results import LocateResult, PositionPage, Replay, SegmentInfo, SegmentResult, Trajectory
 from isodyn_client.samples import Samples, Waypoints
 
 T = TypeVar("T", bound=BaseModel)
@@ -227,6 +230,7 @@ def request_map(
     cell_m: float | None = None,
     mapped_m: float | None = None,
     align: bool | None = None,
+    publish: bool | None = None,
     mode: str | None = None,
 ) -> Call[Job]:
     """Ask for a map of a level, from all its surveys or only some; returns the job that builds it.
@@ -242,10 +246,61 @@ def request_map(
             "cell_m": cell_m,
             "mapped_m": mapped_m,
             "align": align,
+            "publish": publish,
             "mode": mode,
         }
     )
     return Call("POST", "/v1/maps", as_model(Job), body=json_body(fields), repeatable=False)
+
+
+def publish_map(level_id: str, map_id: str, *, note: str | None = None) -> Call[Publication]:
+    """Make a map version the one that new sessions on the level use; an older one rolls back.
+
+    Sessions that are open keep theirs. ``note`` says why, for the log of :func:`publications`.
+    """
+    fields = present({"map_id": map_id, "note": note})
+    return Call("PUT", f"/v1/levels/{level_id}/map", as_model(Publication), body=json_body(fields))
+
+
+def publications(level_id: str) -> Listing[Publication]:
+    """Which map version was published on a level when, by whom and in place of which; newest first."""
+    return _list(f"/v1/levels/{level_id}/publications", Publication)
+
+
+def map_sources(map_id: str) -> Listing[MapSource]:
+    """Who contributed to a map version, and walks that were left out with the reason."""
+    return _list(f"/v1/maps/{map_id}/sources", MapSource)
+
+
+def map_diff(map_id: str, *, against: str | None = None, least_ut: float | None = None) -> Call[MapDiff]:
+    """What a map version changed against another one (its parent, unless one is named), in numbers.
+
+    A node is changed if its field moved by more than ``least_ut`` microtesla.
+    """
+    params = present({"against": against, "least_ut": least_ut})
+    return Call("GET", f"/v1/maps/{map_id}/diff", as_model(MapDiff), params=params)
+
+
+def map_change(
+    map_id: str, *, against: str | None = None, component: str = "all", statistic: str = "change"
+) -> Call[FieldRaster]:
+    """The change of a map's field as a numpy array, new minus old, uT, NaN where either version is not mapped.
+
+    ``component`` is ``all`` (length of the change) or a channel; with ``statistic="significance"`` in combined standard
+    deviations instead.
+    """
+    return Call("GET", f"/v1/maps/{map_id}/diff", _as_raster, params=_change(against, component, statistic, "f32"))
+
+
+def map_change_image(
+    map_id: str, *, against: str | None = None, component: str = "all", statistic: str = "change"
+) -> Call[bytes]:
+    """The same as a PNG, north up, transparent where either version is not mapped."""
+    return Call("GET", f"/v1/maps/{map_id}/diff", as_bytes, params=_change(against, component, statistic, "png"))
+
+
+def _change(against: str | None, component: str, statistic: str, form: str) -> dict[str, str]:
+    return present({"against": against, "component": component, "statistic": statistic, "format": form})
 
 
 def map_info(map_id: str) -> Call[MapInfo]:
@@ -338,9 +393,9 @@ def delete_contribution(contribution_id: str) -> Call[None]:
     return Call("DELETE", f"/v1/contributions/{contribution_id}", nothing)
 
 
-def field_changes(*, level_id: str | None = None) -> Listing[FieldChange]:
+def field_changes(*, level_id: str | None = None) -> Listing[LastingChange]:
     """Lasting changes of the field that independent passes agree on, newest first."""
-    return _list("/v1/changes", FieldChange, level_id=level_id)
+    return _list("/v1/changes", LastingChange, level_id=level_id)
 
 
 # Sessions
@@ -355,6 +410,7 @@ def create_session(
     prior: Prior | None = None,
     device_id: str | None = None,
     map_id: str | None = None,
+    map_ids: Sequence[str] | None = None,
     calibration_epoch: str | None = None,
     contribute: bool | None = None,
 ) -> Call[SessionInfo]:
@@ -375,6 +431,7 @@ def create_session(
         prior=prior and prior.model_dump(exclude_none=True),
         device_id=device_id,
         map_id=map_id,
+        map_ids=None if map_ids is None else list(map_ids),
         calibration_epoch=calibration_epoch,
         contribute=contribute,
     )
@@ -461,6 +518,16 @@ def trajectory(session_id: str) -> Call[Fixes]:
     read = as_model(Trajectory)
     path = f"/v1/sessions/{session_id}/trajectory"
     return Call("GET", path, lambda response: read(response).fixes, wait_s=120.0)
+
+
+def replay(session_id: str, *, map_id: str | None = None, map_ids: Sequence[str] | None = None) -> Call[Replay]:
+    """Take the stored segments of a session once more on other map versions, and compare with what was told then.
+
+    On the current maps unless some are named, at most one a level. Nothing is stored.
+    """
+    fields = present({"map_id": map_id, "map_ids": list(map_ids) if map_ids is not None else None})
+    path = f"/v1/sessions/{session_id}/replay"
+    return Call("POST", path, as_model(Replay), body=json_body(fields), wait_s=120.0)
 
 
 def locate(

@@ -237,6 +237,94 @@ class MapInfo(Model):
     created_at: datetime
 
 
+class Publication(Model):
+    """A map version became the one that new sessions on its level use; ``from_map_id`` is the one before."""
+
+    id: str
+    level_id: str
+    map_id: str
+    from_map_id: str | None = None
+    key_id: str | None = None
+    note: str = ""
+    created_at: datetime
+
+
+class MapSource(Model):
+    """Who contributed to a map version: a survey walk, or a session; ``rejected`` says why a walk was left out."""
+
+    id: str
+    kind: str
+    survey_id: str | None = None
+    device_id: str | None = None
+    contributor: str | None = None
+    n_samples: int | None = None
+    n_used: int | None = None
+    rejected: str | None = None
+
+
+class Area(Model):
+    """So many nodes of a map, and the area they stand for."""
+
+    nodes: int
+    area_m2: float
+
+
+class FieldChange(Model):
+    """Change of one component of the field where both versions are mapped, uT (new minus old)."""
+
+    component: str
+    mean: float
+    rms: float
+    p95: float
+    largest: float
+
+
+class TileCounts(Model):
+    """Stored tiles: shared by both versions, of the new one only, of the old one only."""
+
+    shared: int
+    new: int
+    gone: int
+
+
+class SourceChange(Model):
+    """Sources that came and went: how many, and the ids of the first of them."""
+
+    n_added: int
+    n_removed: int
+    added: tuple[str, ...] = ()
+    removed: tuple[str, ...] = ()
+
+
+class SettingChange(Model):
+    """A setting in which two builds differ."""
+
+    name: str
+    now: Any = None
+    then: Any = None
+
+
+class MapDiff(Model):
+    """What differs between a map version and another one of its level, in the features that both tell."""
+
+    map_id: str
+    against: str
+    identical: bool
+    features: FeatureSet
+    cell_m: float
+    least_ut: float
+    compared: Area
+    changed: Area
+    significant: Area
+    newly_mapped: Area
+    no_longer_mapped: Area
+    box: Extent | None = None
+    change: tuple[FieldChange, ...] = ()
+    tiles: TileCounts
+    sources: SourceChange
+    settings: tuple[SettingChange, ...] = ()
+
+
 class Prior(Model):
     """What is known before the first segment.
 
@@ -308,7 +396,7 @@ class Contribution(Model):
     decided_at: datetime | None = None
 
 
-class FieldChange(Model):
+class LastingChange(Model):
     """A lasting change of the field: where (``box``, m), by how much per channel (``delta``, uT), between when."""
 
     id: str
