@@ -14,6 +14,7 @@ from app.services.maps import MapService
 from app.services.methods import MethodCheck, check_method
 from app.services.ports import Executor, JobListener, MapCache, UnitOfWorkFactory
 from app.services.processing import ProcessingService
+from app.services.search import SearchService
 from app.services.sessions import SessionService
 from app.services.stats import StatsService
 from app.services.surveys import SurveyService
@@ -29,6 +30,7 @@ class Services:
     """The use cases of one process."""
 
     venues: VenueService
+    search: SearchService
     devices: DeviceService
     surveys: SurveyService
     maps: MapService
@@ -61,6 +63,7 @@ def build_services(
     """
     return Services(
         venues=VenueService(uow=uow, clock=clock),
+        search=SearchService(uow=uow, clock=clock),
         devices=DeviceService(uow=uow, clock=clock),
         surveys=SurveyService(uow=uow, clock=clock),
         maps=MapService(uow=uow, clock=clock, cache=cache, listener=listener),

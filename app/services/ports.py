@@ -10,7 +10,7 @@ from collections.abc import Set as AbstractSet
 from concurrent.futures import Future
 from contextlib import AbstractContextManager
 from datetime import datetime
-from typing import Protocol, TypeVar
+from typing import TYPE_CHECKING, Protocol, TypeVar
 
 from app.engine.types import DeviceCalibration, Fix, FixKind, GridMap, Progress, SurveyWalk, TrackerState
 from app.services.aids import Recording
@@ -19,6 +19,7 @@ from app.services.records import (
     ApiKey,
     Device,
     DeviceMemory,
+    Found,
     Job,
     JobKind,
     JobState,
@@ -41,6 +42,9 @@ from app.services.records import (
     Walk,
 )
 from app.services.tasks import MapRef
+
+if TYPE_CHECKING:
+    from app.services.search import Search
 
 Spec = TypeVar("Spec")
 Result = TypeVar("Result")
@@ -78,6 +82,10 @@ class VenueRepository(Protocol):
     def add(self, venue: Venue) -> None: ...
     def get(self, venue_id: str) -> Venue: ...
     def list(self, *, cursor: str | None, limit: int) -> Page[Venue]: ...
+    def find(self, search: Search, *, cursor: str | None, limit: int) -> Page[Found[Venue]]:
+        """Venues of a search: nearest first where it names a place, else newest first."""
+        ...
+
     def update(self, venue_id: str, *, name: str, anchor: Anchor | None, now: datetime) -> Venue: ...
     def delete(self, venue_id: str) -> None: ...
 
@@ -88,6 +96,10 @@ class LevelRepository(Protocol):
     def add(self, level: Level) -> None: ...
     def get(self, level_id: str) -> Level: ...
     def list(self, *, venue_id: str | None, cursor: str | None, limit: int) -> Page[Level]: ...
+    def find(self, search: Search, *, venue_id: str | None, cursor: str | None, limit: int) -> Page[Found[Level]]:
+        """Levels of a search: nearest first where it names a place, else newest first."""
+        ...
+
     def set_plan_image(self, level_id: str, png: bytes, now: datetime) -> None: ...
     def plan_image(self, level_id: str) -> bytes | None: ...
     def set_vector_plan(self, level_id: str, geojson: bytes, now: datetime) -> None: ...

@@ -78,6 +78,14 @@ class Page(Generic[T]):
 
 
 @dataclass(frozen=True, slots=True)
+class Found(Generic[T]):
+    """A thing that was looked for; ``distance_m`` to its bounding box, if a place was named (0: the place is in it)."""
+
+    item: T
+    distance_m: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
 class Anchor:
     """Takes the level frame to WGS 84: the frame's origin, and the bearing of +y clockwise from north."""
 

@@ -80,6 +80,12 @@ def _double(name: str, *, nullable: bool = False) -> Column[Any]:
     return Column(name, Double, nullable=nullable)
 
 
+def _box() -> list[Column[Any]]:
+    """Where a row is on earth (:mod:`app.storage.places`); all null if nobody knows."""
+    corners = [_double(f"{side}_deg", nullable=True) for side in ("south", "west", "north", "east")]
+    return [*corners, Column("place_band", Integer, nullable=True), _double("place_lon", nullable=True)]
+
+
 def _reference(name: str, target: str, *, nullable: bool = False, index: bool = False) -> Column[Any]:
     return Column(name, ID, ForeignKey(target), nullable=nullable, index=index)
 
@@ -96,6 +102,8 @@ venues = Table(
     _double("height_m", nullable=True),
     _time("created_at"),
     _time("updated_at"),
+    *_box(),
+    Index(None, "place_band", "place_lon"),
 )
 
 levels = Table(
@@ -113,6 +121,19 @@ levels = Table(
     Column("has_vector_plan", Boolean, nullable=False),
     _time("created_at"),
     _time("updated_at"),
+    *_box(),
+    Index(None, "place_band", "place_lon"),
+    Index(None, "ordinal", "id"),
+)
+
+name_words = Table(
+    "name_words",
+    metadata,
+    # compared by code point everywhere, so that the words that begin alike are one range
+    Column("word", String(64).with_variant(String(64, collation="C"), "postgresql"), primary_key=True),
+    # a venue or a level, which has its venue's words too
+    Column("owner_id", ID, primary_key=True, index=True),
+    sqlite_with_rowid=False,
 )
 
 level_plans = Table(

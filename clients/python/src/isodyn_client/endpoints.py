@@ -82,9 +82,20 @@ def venue(venue_id: str) -> Call[Venue]:
     return _get(f"/v1/venues/{venue_id}", Venue)
 
 
-def venues() -> Listing[Venue]:
-    """All venues, newest first."""
-    return _list("/v1/venues", Venue)
+def venues(
+    *,
+    near: tuple[float, float] | None = None,
+    radius_m: float | None = None,
+    bbox: tuple[float, float, float, float] | None = None,
+    q: str | None = None,
+) -> Listing[Venue]:
+    """Venues, newest first; all, or those of a place or a name.
+
+    ``near`` is ``(latitude, longitude)`` in degrees: what lies within ``radius_m`` (1 km unless given), nearest first.
+    ``bbox`` is ``(lon_min, lat_min, lon_max, lat_max)``. ``q`` holds words of the name, or their beginnings. Venues
+    without an anchor are not found by place.
+    """
+    return _list("/v1/venues", Venue, **_searched(near, radius_m, bbox, q))
 
 
 def update_venue(venue_id: str, *, name: str | None = None, anchor: Anchor | None = None) -> Call[Venue]:
@@ -114,9 +125,36 @@ def level(level_id: str) -> Call[Level]:
     return _get(f"/v1/levels/{level_id}", Level)
 
 
-def levels(*, venue_id: str | None = None) -> Listing[Level]:
-    """All levels (of one venue), newest first."""
-    return _list("/v1/levels", Level, venue_id=venue_id)
+def levels(
+    *,
+    venue_id: str | None = None,
+    near: tuple[float, float] | None = None,
+    radius_m: float | None = None,
+    bbox: tuple[float, float, float, float] | None = None,
+    q: str | None = None,
+    ordinal: int | None = None,
+) -> Listing[Level]:
+    """Levels (of one venue, of one height order), newest first; ``near``, ``bbox`` and ``q`` as for :func:`venues`."""
+    storey = None if ordinal is None else str(ordinal)
+    return _list("/v1/levels", Level, venue_id=venue_id, ordinal=storey, **_searched(near, radius_m, bbox, q))
+
+
+def _searched(
+    near: tuple[float, float] | None,
+    radius_m: float | None,
+    bbox: tuple[float, float, float, float] | None,
+    q: str | None,
+) -> dict[str, str | None]:
+    return {
+        "near": None if near is None else _degrees(near),
+        "radius_m": None if radius_m is None else f"{radius_m:.10g}",
+        "bbox": None if bbox is None else _degrees(bbox),
+        "q": q,
+    }
+
+
+def _degrees(values: Sequence[float]) -> str:
+    return ",".join(f"{value:.9f}" for value in values)
 
 
 def set_plan_image(level_id: str, png: bytes) -> Call[None]:

@@ -108,7 +108,7 @@ class Extent(Model):
 
 
 class Venue(Model):
-    """A place with one local frame."""
+    """A place with one local frame; ``distance_m`` to its bounding box if it was looked for near a place."""
 
     id: str
     name: str
@@ -116,10 +116,11 @@ class Venue(Model):
     anchor: Anchor | None = None
     created_at: datetime
     updated_at: datetime
+    distance_m: float | None = None
 
 
 class Level(Model):
-    """One storey of a venue."""
+    """One storey of a venue; ``distance_m`` to its bounding box if it was looked for near a place."""
 
     id: str
     venue_id: str
@@ -131,6 +132,7 @@ class Level(Model):
     current_map_id: str | None = None
     created_at: datetime
     updated_at: datetime
+    distance_m: float | None = None
 
 
 class Calibration(Model):
