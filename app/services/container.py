@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from app.services.accounts import AccountService
 from app.services.clock import Clock
+from app.services.device_models import DeviceModelService
 from app.services.devices import DeviceService
 from app.services.idempotency import IdempotencyService
 from app.services.jobs import JobService
@@ -32,6 +33,7 @@ class Services:
     venues: VenueService
     search: SearchService
     devices: DeviceService
+    device_models: DeviceModelService
     surveys: SurveyService
     maps: MapService
     sessions: SessionService
@@ -65,6 +67,7 @@ def build_services(
         venues=VenueService(uow=uow, clock=clock),
         search=SearchService(uow=uow, clock=clock),
         devices=DeviceService(uow=uow, clock=clock),
+        device_models=DeviceModelService(uow=uow, clock=clock),
         surveys=SurveyService(uow=uow, clock=clock),
         maps=MapService(uow=uow, clock=clock, cache=cache, listener=listener),
         sessions=SessionService(

@@ -17,8 +17,10 @@ from app.services.aids import Recording
 from app.services.records import (
     Anchor,
     ApiKey,
+    Carrier,
     Device,
     DeviceMemory,
+    DeviceModel,
     Found,
     Job,
     JobKind,
@@ -132,6 +134,19 @@ class DeviceRepository(Protocol):
         ...
 
 
+class DeviceModelRepository(Protocol):
+    """Models that devices name, and what is remembered of their devices."""
+
+    def list(self, *, cursor: str | None, limit: int) -> Page[DeviceModel]:
+        """Models by name, without estimates."""
+        ...
+
+    def get(self, name: str) -> DeviceModel: ...
+    def memories(self, name: str, *, limit: int, without: str | None = None) -> Sequence[DeviceCalibration]:
+        """One memory a device of the model, but of one: those used last, at most ``limit``."""
+        ...
+
+
 class SurveyRepository(Protocol):
     """Surveys and their walks."""
 
@@ -144,8 +159,12 @@ class SurveyRepository(Protocol):
     def list_walks(self, survey_id: str, *, cursor: str | None, limit: int) -> Page[Walk]: ...
     def delete_walk(self, walk_id: str) -> None: ...
     def count_walks(self, level_id: str, survey_ids: Sequence[str]) -> int: ...
-    def devices(self, level_id: str) -> Mapping[str, str]:
+    def carriers(self, level_id: str) -> Mapping[str, Carrier]:
         """The device of each of the level's walks that name one, by walk id."""
+        ...
+
+    def mark_offsets_remembered(self, walk_ids: Sequence[str], now: datetime) -> None:
+        """Note that these walks' offsets are in their devices' memories."""
         ...
 
     def load_walks(self, level_id: str, survey_ids: Sequence[str]) -> Sequence[SurveyWalk]:
@@ -315,6 +334,7 @@ class UnitOfWork(Protocol):
     venues: VenueRepository
     levels: LevelRepository
     devices: DeviceRepository
+    device_models: DeviceModelRepository
     surveys: SurveyRepository
     maps: MapRepository
     sessions: SessionRepository

@@ -114,7 +114,8 @@ class ProcessingService(Service):
             outcome: Outcome = {"map_id": info.id, "version": info.version, "cpu_s": result.cpu_s}
             finished = uow.jobs.finish(job.id, JobState.DONE, now, result=outcome, attempts=job.attempts)
             if finished:
-                remember_survey(uow, info.level_id, info.walks, now)
+                aligned = uow.maps.get_build(job.id).settings.align
+                remember_survey(uow, info.level_id, info.walks, now, aligned=aligned)
                 uow.maps.add(info, packed)
                 uow.levels.set_current_map(info.level_id, info.id, now)
             done = uow.jobs.get(job.id)

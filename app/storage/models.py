@@ -151,6 +151,7 @@ devices = Table(
     Column("name", Text, nullable=False),
     Column("model", Text, nullable=True),
     _time("created_at"),
+    Index(None, "model", "id"),
 )
 
 device_calibrations = Table(
@@ -169,6 +170,9 @@ device_calibrations = Table(
     Column("soft_iron", JSON, nullable=True),
     Column("n_sessions", Integer, nullable=False),
     _time("updated_at"),
+    # the device's, which never changes: what its siblings taught last is one range of an index
+    Column("model", Text, nullable=True),
+    Index(None, "model", "updated_at"),
 )
 
 surveys = Table(
@@ -193,7 +197,11 @@ walks = Table(
     _double("length_m"),
     Column("content_hash", HASH, nullable=False),
     _time("created_at"),
+    Column("calibration_epoch", String(64), nullable=False, server_default=""),
+    # when the walk's offset went into its device's memory
+    _time("offset_remembered_at", nullable=True),
     UniqueConstraint("survey_id", "content_hash"),
+    Index(None, "survey_id", "id"),
 )
 
 walk_samples = Table(
@@ -226,6 +234,7 @@ jobs = Table(
     _time("finished_at", nullable=True),
     # the claim and the bound of the queue read this index only
     Index(None, "state", "kind", "order_key", "number"),
+    Index(None, "kind", "id"),
 )
 
 map_builds = Table(
@@ -269,6 +278,7 @@ maps = Table(
     Column("routes_hash", HASH, ForeignKey("route_layers.hash"), nullable=True),
     _time("created_at"),
     UniqueConstraint("level_id", "version"),
+    Index(None, "level_id", "id"),
 )
 
 radio_layers = Table(
@@ -332,6 +342,7 @@ sessions = Table(
     Index(None, "venue_id", "id"),
     Index(None, "level_id", "id"),
     Index(None, "device_id", "id"),
+    Index(None, "status", "id"),
 )
 
 tracker_states = Table(

@@ -12,7 +12,7 @@ import math
 import struct
 from typing import Any
 
-from sqlalchemy import Column, ColumnElement, FromClause, Table, and_, case, literal, or_, select
+from sqlalchemy import ColumnElement, FromClause, Table, and_, case, literal, or_
 
 from app.engine.geodesy import GeoBox, metres_per_degree
 from app.services.errors import InvalidError
@@ -124,10 +124,9 @@ def _gap(low: ColumnElement[Any], high: ColumnElement[Any], value: float) -> Col
     return case((low > value, low - value), (high < value, value - high), else_=literal(0.0))
 
 
-def named(id_column: Column[str], words: tuple[str, ...]) -> list[ColumnElement[bool]]:
-    """Conditions that each of these begins a word of the row's name."""
-    word = name_words.c.word
-    return [id_column.in_(select(name_words.c.owner_id).where(word >= begin, word < begin + _LAST)) for begin in words]
+def begins(word: str) -> ColumnElement[bool]:
+    """Whether a word of a name begins with this one."""
+    return and_(name_words.c.word >= word, name_words.c.word < word + _LAST)
 
 
 def near_cursor(squared_m2: float, id_: str) -> str:

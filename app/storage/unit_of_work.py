@@ -5,6 +5,7 @@ from __future__ import annotations
 from sqlalchemy import Connection
 
 from app.services.ports import (
+    DeviceModelRepository,
     DeviceRepository,
     IdempotencyRepository,
     JobRepository,
@@ -16,6 +17,7 @@ from app.services.ports import (
     VenueRepository,
 )
 from app.services.records import Stats
+from app.storage.repositories.device_models import SqlDeviceModelRepository
 from app.storage.repositories.devices import SqlDeviceRepository
 from app.storage.repositories.idempotency import SqlIdempotencyRepository
 from app.storage.repositories.jobs import SqlJobRepository
@@ -36,6 +38,7 @@ class SqlUnitOfWork:
         self.venues: VenueRepository = SqlVenueRepository(connection, writable=writable)
         self.levels: LevelRepository = SqlLevelRepository(connection, writable=writable)
         self.devices: DeviceRepository = SqlDeviceRepository(connection, writable=writable)
+        self.device_models: DeviceModelRepository = SqlDeviceModelRepository(connection, writable=writable)
         self.surveys: SurveyRepository = SqlSurveyRepository(connection, writable=writable)
         self.maps: MapRepository = SqlMapRepository(connection, writable=writable)
         self.sessions: SessionRepository = SqlSessionRepository(connection, writable=writable)

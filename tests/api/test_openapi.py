@@ -12,6 +12,7 @@ from pydantic import BaseModel
 from app.api import schemas
 from app.api.errors import PROBLEM_TYPES
 from app.api.schemas import (
+    device_models,
     devices,
     health,
     jobs,
@@ -33,6 +34,7 @@ from tests.api.harness import Api
 from tests.api.test_access import TABLE
 
 MODULES = [
+    device_models,
     devices,
     health,
     jobs,

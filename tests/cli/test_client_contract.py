@@ -73,8 +73,13 @@ def test_an_idempotent_creation_gives_the_first_thing_again(service: Service) ->
 def test_devices(service: Service) -> None:
     with service.client() as client:
         device = client.create_device("phone", model="PBCM10")
-        assert client.device(device.id) == device
+        assert client.device(device.id).model_copy(update={"next_session": None}) == device
         assert device.id in {one.id for one in client.devices()}
+        assert client.device(device.id).next_session == isodyn.SessionStart(epoch="", source="none")
+        assert {one.name: one.n_devices for one in client.device_models()}["PBCM10"] == 1
+        assert client.device_model("PBCM10").estimate is None
+        with pytest.raises(isodyn.NotFoundError):
+            client.device_model("no such/model")
 
 
 @pytest.mark.parametrize("encoding", ["msgpack", "json"])

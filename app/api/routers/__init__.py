@@ -1,6 +1,7 @@
 """One router a noun."""
 
 from app.api.routers import (
+    device_models,
     devices,
     health,
     jobs,
@@ -23,6 +24,7 @@ ROUTERS = (
     venues.router,
     levels.router,
     devices.router,
+    device_models.router,
     surveys.router,
     maps.router,
     sessions.router,

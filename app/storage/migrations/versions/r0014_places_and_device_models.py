@@ -23,6 +23,15 @@ branch_labels = None
 depends_on = None
 
 _CORNERS = ("south_deg", "west_deg", "north_deg", "east_deg")
+_INDEXES = {
+    "levels": "ordinal",
+    "maps": "level_id",
+    "walks": "survey_id",
+    "jobs": "kind",
+    "sessions": "status",
+    "devices": "model",
+}
+"""Of each table: lists by this column need no sorting."""
 _ID = sa.String(length=40)
 
 
@@ -34,7 +43,8 @@ def upgrade() -> None:
         op.add_column(table, sa.Column("place_band", sa.Integer(), nullable=True))
         op.add_column(table, sa.Column("place_lon", sa.Double(), nullable=True))
         op.create_index(op.f(f"ix_{table}_place_band_place_lon"), table, ["place_band", "place_lon"])
-    op.create_index(op.f("ix_levels_ordinal_id"), "levels", ["ordinal", "id"])
+    for table, column in _INDEXES.items():
+        op.create_index(op.f(f"ix_{table}_{column}_id"), table, [column, "id"])
     op.create_table(
         "name_words",
         sa.Column(
@@ -47,10 +57,22 @@ def upgrade() -> None:
         sqlite_with_rowid=False,
     )
     op.create_index(op.f("ix_name_words_owner_id"), "name_words", ["owner_id"])
+    op.add_column(
+        "walks", sa.Column("calibration_epoch", sa.String(length=64), nullable=False, server_default="")
+    )
+    op.add_column("walks", sa.Column("offset_remembered_at", sa.DateTime(timezone=True), nullable=True))
+    op.add_column("device_calibrations", sa.Column("model", sa.Text(), nullable=True))
+    op.create_index(
+        op.f("ix_device_calibrations_model_updated_at"), "device_calibrations", ["model", "updated_at"]
+    )
     _fill(op.get_bind())
 
 
 def _fill(connection: sa.Connection) -> None:
+    devices = sa.table("devices", sa.column("id"), sa.column("model"))
+    memories = sa.table("device_calibrations", sa.column("device_id"), sa.column("model"))
+    model = sa.select(devices.c.model).where(devices.c.id == memories.c.device_id).scalar_subquery()
+    connection.execute(sa.update(memories).values(model=model))
     venues = sa.table(
         "venues",
         *map(sa.column, ("id", "name", "latitude_deg", "longitude_deg", "bearing_deg", "height_m")),
@@ -88,8 +110,13 @@ def _add_words(connection: sa.Connection, owner_id: str, name: str) -> None:
 
 def downgrade() -> None:
     """Forget them."""
+    op.drop_index("ix_device_calibrations_model_updated_at", "device_calibrations")
+    op.drop_column("device_calibrations", "model")
+    op.drop_column("walks", "offset_remembered_at")
+    op.drop_column("walks", "calibration_epoch")
     op.drop_table("name_words")
-    op.drop_index("ix_levels_ordinal_id", "levels")
+    for table, column in _INDEXES.items():
+        op.drop_index(f"ix_{table}_{column}_id", table)
     for table in ("venues", "levels"):
         op.drop_index(f"ix_{table}_place_band_place_lon", table)
         for name in ("place_lon", "place_band", *_CORNERS):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from typing import Any, TypeVar
+from urllib.parse import quote
 
 import httpx
 import numpy as np
@@ -27,6 +28,7 @@ from isodyn_client.models import (
     Anchor,
     ApiKey,
     Device,
+    DeviceModel,
     Extent,
     FeatureSet,
     FixKind,
@@ -200,6 +202,16 @@ def forget_calibrations(device_id: str) -> Call[None]:
     return Call("DELETE", f"/v1/devices/{device_id}/calibrations", nothing)
 
 
+def device_models() -> Listing[DeviceModel]:
+    """Models that devices name, by name, without estimates."""
+    return _list("/v1/device-models", DeviceModel)
+
+
+def device_model(name: str) -> Call[DeviceModel]:
+    """One model, with what its devices have in common."""
+    return _get(f"/v1/device-models/{quote(name, safe='')}", DeviceModel)
+
+
 # Surveys and maps
 
 
@@ -227,14 +239,17 @@ def add_walk(
     wifi: WifiScans | None = None,
     ble: BleScans | None = None,
     device_id: str | None = None,
+    calibration_epoch: str | None = None,
     encoding: Encoding | str = Encoding.MSGPACK,
     gzip: bool = False,
 ) -> Call[Walk]:
     """Upload a survey walk. The same content again gives the walk that is there already.
 
+    A walk that names its device, and the epoch of its magnetometer as sessions do, teaches it its offset and stride.
+
     The body is encoded while it is sent, so a long walk does not exist twice in memory.
     """
-    fields = present({"name": name, "device_id": device_id})
+    fields = present({"name": name, "device_id": device_id, "calibration_epoch": calibration_epoch})
     aids = Aids(wifi=wifi, ble=ble)
     body = samples_body(fields, samples, aids=aids, waypoints=waypoints, encoding=encoding, gzip=gzip)
     return Call("POST", f"/v1/surveys/{survey_id}/walks", as_model(Walk), body=body)
