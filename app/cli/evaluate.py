@@ -15,6 +15,7 @@ from app.cli.common import NAMED, Key, connect, progress_bars, reported
 if TYPE_CHECKING:
     from app.engine.types import Progress
     from app.evaluation.drivers import Transport
+    from app.evaluation.fleet import FleetReport
     from app.evaluation.kaist import KaistReport
     from app.evaluation.papers.report import PapersReport
     from app.evaluation.protocol import EvaluationOptions
@@ -172,6 +173,35 @@ def uji(
     publish(with_progress(lambda progress: run_uji(options, progress)), json_file)
 
 
+@app.command("fleet")
+@reported
+def fleet(
+    data: Annotated[Path, typer.Option(help="Folder that holds ilc20/<site>-<floor>/ (or that folder itself).")],
+    levels: Annotated[
+        str,
+        typer.Option(help="Names separated by commas, such as site1-F2,site1-B1.", show_default="all that are found"),
+    ] = "",
+    folds: Annotated[int, typer.Option(min=2, help="Parts in which the train walks are left out.")] = 4,
+    track: Annotated[
+        bool, typer.Option("--track/--no-track", help="Replay the left-out walks, or compare offsets only.")
+    ] = True,
+    json_file: JsonFile = None,
+    method: Method = "",
+) -> None:
+    """Tell what it is worth to know a phone: start-up offset and first ten seconds of left-out train walks.
+
+    Walks of the train split are left out in turn; the others build the map and teach their phones. A left-out walk then
+    starts with nothing, with what its model's other phones have in common, and with its own phone's memory too.
+
+    Example:  isodyn evaluate fleet --data DIR --levels site1-F2 --json fleet.json
+    """
+    from app.evaluation.fleet import FleetOptions, run_fleet
+
+    wanted = tuple(name.strip() for name in levels.split(",") if name.strip())
+    options = FleetOptions(data=data, levels=wanted, folds=folds, track=track, method=method)
+    publish(with_progress(lambda progress: run_fleet(options, progress)), json_file)
+
+
 @app.command("papers")
 @reported
 def papers(
@@ -239,7 +269,7 @@ def with_progress(work: Callable[[Progress], R]) -> R:
         return work(lambda fraction, text: bars.update(bar, completed=fraction, text=text))
 
 
-def publish(report: Report | KaistReport | UjiReport | PapersReport, json_file: Path | None) -> None:
+def publish(report: Report | FleetReport | KaistReport | UjiReport | PapersReport, json_file: Path | None) -> None:
     """Write the report, print its table."""
     if json_file:
         json_file.parent.mkdir(parents=True, exist_ok=True)
