@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from app.engine.types import Progress
     from app.evaluation.crowd import CrowdReport
     from app.evaluation.drivers import Transport
+    from app.evaluation.fleet import FleetReport
     from app.evaluation.kaist import KaistReport
     from app.evaluation.papers.report import PapersReport
     from app.evaluation.protocol import EvaluationOptions
@@ -218,6 +219,35 @@ def crowd(
     publish(with_progress(lambda progress: run_crowd(options, progress)), json_file)
 
 
+@app.command("fleet")
+@reported
+def fleet(
+    data: Annotated[Path, typer.Option(help="Folder that holds ilc20/<site>-<floor>/ (or that folder itself).")],
+    levels: Annotated[
+        str,
+        typer.Option(help="Names separated by commas, such as site1-F2,site1-B1.", show_default="all that are found"),
+    ] = "",
+    folds: Annotated[int, typer.Option(min=2, help="Parts in which the train walks are left out.")] = 4,
+    track: Annotated[
+        bool, typer.Option("--track/--no-track", help="Replay the left-out walks, or compare offsets only.")
+    ] = True,
+    json_file: JsonFile = None,
+    method: Method = "",
+) -> None:
+    """Tell what it is worth to know a phone: start-up offset and first ten seconds of left-out train walks.
+
+    Walks of the train split are left out in turn; the others build the map and teach their phones. A left-out walk then
+    starts with nothing, with what its model's other phones have in common, and with its own phone's memory too.
+
+    Example:  isodyn evaluate fleet --data DIR --levels site1-F2 --json fleet.json
+    """
+    from app.evaluation.fleet import FleetOptions, run_fleet
+
+    wanted = tuple(name.strip() for name in levels.split(",") if name.strip())
+    options = FleetOptions(data=data, levels=wanted, folds=folds, track=track, method=method)
+    publish(with_progress(lambda progress: run_fleet(options, progress)), json_file)
+
+
 @app.command("papers")
 @reported
 def papers(
@@ -285,7 +315,9 @@ def with_progress(work: Callable[[Progress], R]) -> R:
         return work(lambda fraction, text: bars.update(bar, completed=fraction, text=text))
 
 
-def publish(report: Report | CrowdReport | KaistReport | UjiReport | PapersReport, json_file: Path | None) -> None:
+def publish(
+    report: Report | CrowdReport | FleetReport | KaistReport | UjiReport | PapersReport, json_file: Path | None
+) -> None:
     """Write the report, print its table."""
     if json_file:
         json_file.parent.mkdir(parents=True, exist_ok=True)

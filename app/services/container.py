@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from app.services.accounts import AccountService
 from app.services.clock import Clock
 from app.services.contributions import ContributionService
+from app.services.device_models import DeviceModelService
 from app.services.devices import DeviceService
 from app.services.idempotency import IdempotencyService
 from app.services.jobs import JobService
@@ -16,6 +17,7 @@ from app.services.methods import MethodCheck, check_method
 from app.services.ports import Executor, JobListener, MapCache, UnitOfWorkFactory
 from app.services.processing import ProcessingService
 from app.services.replays import ReplayService
+from app.services.search import SearchService
 from app.services.sessions import SessionService
 from app.services.stats import StatsService
 from app.services.surveys import SurveyService
@@ -32,7 +34,9 @@ class Services:
     """The use cases of one process."""
 
     venues: VenueService
+    search: SearchService
     devices: DeviceService
+    device_models: DeviceModelService
     surveys: SurveyService
     maps: MapService
     contributions: ContributionService
@@ -68,7 +72,9 @@ def build_services(
     """
     return Services(
         venues=VenueService(uow=uow, clock=clock),
+        search=SearchService(uow=uow, clock=clock),
         devices=DeviceService(uow=uow, clock=clock),
+        device_models=DeviceModelService(uow=uow, clock=clock),
         surveys=SurveyService(uow=uow, clock=clock),
         maps=MapService(uow=uow, clock=clock, cache=cache, listener=listener),
         contributions=ContributionService(uow=uow, clock=clock, listener=listener),

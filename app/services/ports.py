@@ -10,7 +10,7 @@ from collections.abc import Set as AbstractSet
 from concurrent.futures import Future
 from contextlib import AbstractContextManager
 from datetime import datetime
-from typing import Protocol, TypeVar
+from typing import TYPE_CHECKING, Protocol, TypeVar
 
 from app.engine.mapping.placing import PlacedWalks
 from app.engine.types import (
@@ -29,11 +29,14 @@ from app.services.aids import Recording
 from app.services.records import (
     Anchor,
     ApiKey,
+    Carrier,
     Contribution,
     ContributionState,
     ContributionVerdict,
     Device,
     DeviceMemory,
+    DeviceModel,
+    Found,
     Job,
     JobKind,
     JobState,
@@ -58,6 +61,9 @@ from app.services.records import (
     Walk,
 )
 from app.services.tasks import MapRef
+
+if TYPE_CHECKING:
+    from app.services.search import Search
 
 Box = tuple[float, float, float, float]
 """``(x_min, y_min, x_max, y_max)`` in the level frame, m."""
@@ -97,6 +103,10 @@ class VenueRepository(Protocol):
     def add(self, venue: Venue) -> None: ...
     def get(self, venue_id: str) -> Venue: ...
     def list(self, *, cursor: str | None, limit: int) -> Page[Venue]: ...
+    def find(self, search: Search, *, cursor: str | None, limit: int) -> Page[Found[Venue]]:
+        """Venues of a search: nearest first where it names a place, else newest first."""
+        ...
+
     def update(self, venue_id: str, *, name: str, anchor: Anchor | None, now: datetime) -> Venue: ...
     def delete(self, venue_id: str) -> None: ...
 
@@ -107,6 +117,10 @@ class LevelRepository(Protocol):
     def add(self, level: Level) -> None: ...
     def get(self, level_id: str) -> Level: ...
     def list(self, *, venue_id: str | None, cursor: str | None, limit: int) -> Page[Level]: ...
+    def find(self, search: Search, *, venue_id: str | None, cursor: str | None, limit: int) -> Page[Found[Level]]:
+        """Levels of a search: nearest first where it names a place, else newest first."""
+        ...
+
     def set_plan_image(self, level_id: str, png: bytes, now: datetime) -> None: ...
     def plan_image(self, level_id: str) -> bytes | None: ...
     def set_vector_plan(self, level_id: str, geojson: bytes, now: datetime) -> None: ...
@@ -142,6 +156,19 @@ class DeviceRepository(Protocol):
         ...
 
 
+class DeviceModelRepository(Protocol):
+    """Models that devices name, and what is remembered of their devices."""
+
+    def list(self, *, cursor: str | None, limit: int) -> Page[DeviceModel]:
+        """Models by name, without estimates."""
+        ...
+
+    def get(self, name: str) -> DeviceModel: ...
+    def memories(self, name: str, *, limit: int, without: str | None = None) -> Sequence[DeviceCalibration]:
+        """One memory a device of the model, but of one: those used last, at most ``limit``."""
+        ...
+
+
 class SurveyRepository(Protocol):
     """Surveys and their walks."""
 
@@ -154,16 +181,20 @@ class SurveyRepository(Protocol):
     def list_walks(self, survey_id: str, *, cursor: str | None, limit: int) -> Page[Walk]: ...
     def delete_walk(self, walk_id: str) -> None: ...
     def count_walks(self, level_id: str, survey_ids: Sequence[str]) -> int: ...
+    def carriers(self, level_id: str) -> Mapping[str, Carrier]:
+        """The device of each of the level's walks that name one, by walk id."""
+        ...
+
+    def mark_offsets_remembered(self, walk_ids: Sequence[str], now: datetime) -> None:
+        """Note that these walks' offsets are in their devices' memories."""
+        ...
+
     def find_walks(self, walk_ids: Sequence[str]) -> Mapping[str, Walk]:
         """Those of these walks that are stored (still), by id."""
         ...
 
     def walk_ids(self, level_id: str, survey_ids: Sequence[str]) -> Sequence[str]:
         """Ids of the level's walks (of these surveys only, when any are named), oldest first."""
-        ...
-
-    def devices(self, level_id: str) -> Mapping[str, str]:
-        """The device of each of the level's walks that name one, by walk id."""
         ...
 
     def load_walks(
@@ -408,6 +439,7 @@ class UnitOfWork(Protocol):
     venues: VenueRepository
     levels: LevelRepository
     devices: DeviceRepository
+    device_models: DeviceModelRepository
     surveys: SurveyRepository
     maps: MapRepository
     contributions: ContributionRepository

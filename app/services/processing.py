@@ -21,6 +21,7 @@ from app.services.map_refs import MapRefs
 from app.services.ports import MapCache, UnitOfWork, UnitOfWorkFactory
 from app.services.publishing import BUILT, UPDATED, publish
 from app.services.records import (
+    Carrier,
     Contribution,
     ContributionState,
     Job,
@@ -100,10 +101,10 @@ class ProcessingService(Service):
             if build.mode is MapKind.UPDATE:
                 return self._update_spec(uow, build)
             walks = uow.surveys.load_walks(build.level_id, build.survey_ids)
-            devices = uow.surveys.devices(build.level_id)
+            carriers = uow.surveys.carriers(build.level_id)
             drawn = uow.levels.vector_plan(build.level_id)
         plan = None if drawn is None else FloorPlan.from_geojson(json.loads(drawn))
-        return BuildSpec(level_id=build.level_id, walks=_owned(walks, devices), settings=build.settings, plan=plan)
+        return BuildSpec(level_id=build.level_id, walks=_owned(walks, carriers), settings=build.settings, plan=plan)
 
     def _update_spec(self, uow: UnitOfWork, build: NewBuild) -> BuildSpec:
         map_id = uow.levels.get(build.level_id).current_map_id
@@ -126,8 +127,8 @@ class ProcessingService(Service):
             added=changes.contributions,
             reputation=reputation_of(uow.contributions.track_record(other_than=build.level_id)),
         )
-        devices = uow.surveys.devices(build.level_id)
-        return BuildSpec(level_id=build.level_id, walks=_owned(walks, devices), settings=build.settings, base=base)
+        carriers = uow.surveys.carriers(build.level_id)
+        return BuildSpec(level_id=build.level_id, walks=_owned(walks, carriers), settings=build.settings, base=base)
 
     def contribute_spec(self, job: Job) -> ContributeSpec:
         """What a worker needs to take from a session what maps can use."""
@@ -212,10 +213,10 @@ class ProcessingService(Service):
             outcome: Outcome = {"map_id": info.id, "version": info.version, "cpu_s": result.cpu_s}
             finished = uow.jobs.finish(job.id, JobState.DONE, now, result=outcome, attempts=job.attempts)
             if finished:
-                remember_survey(uow, info.level_id, info.walks, now)
+                order = uow.maps.get_build(job.id)
+                remember_survey(uow, info.level_id, info.walks, now, aligned=order.settings.align)
                 uow.maps.add(info, packed, keep=None if base is None else base.box)
                 uow.maps.finish_build(job.id, info.id)
-                order = uow.maps.get_build(job.id)
                 if order.publish:
                     publish(uow, info, now, key_id=order.key_id, note=BUILT if base is None else UPDATED)
                 uow.contributions.decide([verdict_of(verdict) for verdict in result.verdicts], now)
@@ -349,5 +350,7 @@ def _contribution(session: Session, offer: Offer, now: datetime) -> Contribution
     )
 
 
-def _owned(walks: Sequence[SurveyWalk], devices: Mapping[str, str]) -> tuple[NewWalk, ...]:
-    return tuple(NewWalk(walk, device=devices.get(walk.walk_id, "")) for walk in walks)
+def _owned(walks: Sequence[SurveyWalk], carriers: Mapping[str, Carrier]) -> tuple[NewWalk, ...]:
+    return tuple(
+        NewWalk(walk, device=carriers[walk.walk_id].device_id if walk.walk_id in carriers else "") for walk in walks
+    )

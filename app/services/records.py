@@ -12,6 +12,7 @@ from datetime import datetime
 from enum import StrEnum
 from typing import Generic, TypeVar
 
+from app.engine.calibration import ModelEstimate
 from app.engine.geodesy import TangentPlane
 from app.engine.localization.comparison import FixComparison
 from app.engine.mapping.diff import DiffSummary
@@ -109,6 +110,14 @@ class Page(Generic[T]):
 
 
 @dataclass(frozen=True, slots=True)
+class Found(Generic[T]):
+    """A thing that was looked for; ``distance_m`` to its bounding box, if a place was named (0: the place is in it)."""
+
+    item: T
+    distance_m: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
 class Anchor:
     """Takes the level frame to WGS 84: the frame's origin, and the bearing of +y clockwise from north."""
 
@@ -171,6 +180,45 @@ class DeviceMemory:
     updated_at: datetime
 
 
+class CalibrationSource(StrEnum):
+    """Where a session's start comes from: its device (and, for the rest, its model), its model, or nowhere."""
+
+    DEVICE = "device"
+    MODEL = "model"
+    NONE = "none"
+
+
+@dataclass(frozen=True, slots=True)
+class StartingCalibration:
+    """What a session of a device starts with in an epoch of its magnetometer; None: nothing is known."""
+
+    epoch: str
+    source: CalibrationSource
+    calibration: DeviceCalibration | None
+
+
+@dataclass(frozen=True, slots=True)
+class DeviceModel:
+    """A model that devices name.
+
+    ``estimate`` is what they have in common: None where it was not asked for, or where so few taught something that it
+    would tell of single ones.
+    """
+
+    name: str
+    n_devices: int
+    estimate: ModelEstimate | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Carrier:
+    """The device of a survey walk, in an epoch of its magnetometer; and whether it knows the walk's offset already."""
+
+    device_id: str
+    epoch: str
+    offset_remembered: bool
+
+
 @dataclass(frozen=True, slots=True)
 class Survey:
     """Walks with known positions on one level."""
@@ -193,6 +241,7 @@ class NewWalk:
     wifi: RadioScans | None = None
     device_id: str | None = None
     ble: RadioScans | None = None
+    calibration_epoch: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -210,6 +259,8 @@ class Walk:
     """Sum of the straight legs between waypoints."""
     content_hash: str
     created_at: datetime
+    calibration_epoch: str = ""
+    """Of the device's magnetometer, as sessions name it."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -84,6 +84,8 @@ class SessionService(Service):
         """
         self._check(method, parameters)
         now = self._clock()
+        with self._uow() as uow:
+            start = starting_calibration(uow, device_id, calibration_epoch)
         with self._uow(write=True) as uow:
             place = choose_place(uow, level_id, venue_id, map_id, map_ids)
             chosen = method_for(uow, place, method, prior)
@@ -93,7 +95,6 @@ class SessionService(Service):
                     f"sessions of the method {chosen.name!r} have no smoothed track to offer",
                     f"use the method {ParticleTracker.method!r}, or leave contribute out",
                 )
-            calibration = starting_calibration(uow, device_id, calibration_epoch)
             session = Session(
                 id=new_id("ses", now),
                 venue_id=place.venue_id,
@@ -103,7 +104,7 @@ class SessionService(Service):
                 method=chosen.name,
                 method_reason=chosen.reason,
                 parameters=dict(parameters),
-                prior=replace(place.prior(prior), calibration=calibration),
+                prior=replace(place.prior(prior), calibration=start.calibration),
                 status=SessionStatus.OPEN,
                 next_seq=0,
                 created_at=now,

@@ -6,6 +6,7 @@ from sqlalchemy import Connection
 
 from app.services.ports import (
     ContributionRepository,
+    DeviceModelRepository,
     DeviceRepository,
     IdempotencyRepository,
     JobRepository,
@@ -19,6 +20,7 @@ from app.services.ports import (
 )
 from app.services.records import Stats
 from app.storage.repositories.contributions import SqlContributionRepository
+from app.storage.repositories.device_models import SqlDeviceModelRepository
 from app.storage.repositories.devices import SqlDeviceRepository
 from app.storage.repositories.idempotency import SqlIdempotencyRepository
 from app.storage.repositories.jobs import SqlJobRepository
@@ -40,6 +42,7 @@ class SqlUnitOfWork:
         self.venues: VenueRepository = SqlVenueRepository(connection, writable=writable)
         self.levels: LevelRepository = SqlLevelRepository(connection, writable=writable)
         self.devices: DeviceRepository = SqlDeviceRepository(connection, writable=writable)
+        self.device_models: DeviceModelRepository = SqlDeviceModelRepository(connection, writable=writable)
         self.surveys: SurveyRepository = SqlSurveyRepository(connection, writable=writable)
         self.maps: MapRepository = SqlMapRepository(connection, writable=writable)
         self.contributions: ContributionRepository = SqlContributionRepository(connection, writable=writable)

@@ -41,6 +41,8 @@ TABLE = {
     "GET /v1/devices": LOCATE,
     "GET /v1/devices/{device_id}": LOCATE,
     "DELETE /v1/devices/{device_id}/calibrations": LOCATE,
+    "GET /v1/device-models": SURVEY,
+    "GET /v1/device-models/{name}": SURVEY,
     "POST /v1/surveys": SURVEY,
     "GET /v1/surveys": SURVEY,
     "GET /v1/surveys/{survey_id}": SURVEY,
@@ -92,7 +94,9 @@ def routes_of(api: Api) -> dict[str, Access]:
         route = context.original_route
         assert isinstance(route, ApiRoute), f"{context.path} is not an ApiRoute: nothing checks its caller"
         for method in route.methods or ():
-            found[f"{method} {route.path}"] = Access(route.access.scope, public=route.access.public)
+            found[f"{method} {route.path.replace(':path}', '}')}"] = Access(
+                route.access.scope, public=route.access.public
+            )
     return found
 
 

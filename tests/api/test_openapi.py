@@ -13,6 +13,7 @@ from app.api import schemas
 from app.api.errors import PROBLEM_TYPES
 from app.api.schemas import (
     contributions,
+    device_models,
     devices,
     health,
     jobs,
@@ -37,6 +38,7 @@ from tests.api.test_access import TABLE
 
 MODULES = [
     contributions,
+    device_models,
     devices,
     health,
     jobs,

@@ -2,6 +2,7 @@
 
 from app.api.routers import (
     contributions,
+    device_models,
     devices,
     health,
     jobs,
@@ -26,6 +27,7 @@ ROUTERS = (
     venues.router,
     levels.router,
     devices.router,
+    device_models.router,
     surveys.router,
     maps.router,
     versions.router,

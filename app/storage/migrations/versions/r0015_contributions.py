@@ -1,7 +1,7 @@
 """Contributions of sessions to maps, and changes of the field.
 
 Revision ID: r0015
-Revises: r0012
+Revises: r0014
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ import sqlalchemy as sa
 from alembic import op
 
 revision = "r0015"
-down_revision = "r0012"
+down_revision = "r0014"
 branch_labels = None
 depends_on = None
 

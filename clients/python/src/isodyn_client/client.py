@@ -197,6 +197,8 @@ class Client:
     device = _call(endpoints.device)
     devices = _list(endpoints.devices)
     forget_calibrations = _call(endpoints.forget_calibrations)
+    device_models = _list(endpoints.device_models)
+    device_model = _call(endpoints.device_model)
 
     create_survey = _call(endpoints.create_survey)
     survey = _call(endpoints.survey)

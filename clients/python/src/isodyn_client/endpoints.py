@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from typing import Any, TypeVar
+from urllib.parse import quote
 
 import httpx
 import numpy as np
@@ -28,6 +29,7 @@ from isodyn_client.models import (
     ApiKey,
     Contribution,
     Device,
+    DeviceModel,
     Extent,
     FeatureSet,
     FixKind,
@@ -87,9 +89,20 @@ def venue(venue_id: str) -> Call[Venue]:
     return _get(f"/v1/venues/{venue_id}", Venue)
 
 
-def venues() -> Listing[Venue]:
-    """All venues, newest first."""
-    return _list("/v1/venues", Venue)
+def venues(
+    *,
+    near: tuple[float, float] | None = None,
+    radius_m: float | None = None,
+    bbox: tuple[float, float, float, float] | None = None,
+    q: str | None = None,
+) -> Listing[Venue]:
+    """Venues, newest first; all, or those of a place or a name.
+
+    ``near`` is ``(latitude, longitude)`` in degrees: what lies within ``radius_m`` (1 km unless given), nearest first.
+    ``bbox`` is ``(lon_min, lat_min, lon_max, lat_max)``. ``q`` holds words of the name, or their beginnings. Venues
+    without an anchor are not found by place.
+    """
+    return _list("/v1/venues", Venue, **_searched(near, radius_m, bbox, q))
 
 
 def update_venue(venue_id: str, *, name: str | None = None, anchor: Anchor | None = None) -> Call[Venue]:
@@ -119,9 +132,36 @@ def level(level_id: str) -> Call[Level]:
     return _get(f"/v1/levels/{level_id}", Level)
 
 
-def levels(*, venue_id: str | None = None) -> Listing[Level]:
-    """All levels (of one venue), newest first."""
-    return _list("/v1/levels", Level, venue_id=venue_id)
+def levels(
+    *,
+    venue_id: str | None = None,
+    near: tuple[float, float] | None = None,
+    radius_m: float | None = None,
+    bbox: tuple[float, float, float, float] | None = None,
+    q: str | None = None,
+    ordinal: int | None = None,
+) -> Listing[Level]:
+    """Levels (of one venue, of one height order), newest first; ``near``, ``bbox`` and ``q`` as for :func:`venues`."""
+    storey = None if ordinal is None else str(ordinal)
+    return _list("/v1/levels", Level, venue_id=venue_id, ordinal=storey, **_searched(near, radius_m, bbox, q))
+
+
+def _searched(
+    near: tuple[float, float] | None,
+    radius_m: float | None,
+    bbox: tuple[float, float, float, float] | None,
+    q: str | None,
+) -> dict[str, str | None]:
+    return {
+        "near": None if near is None else _degrees(near),
+        "radius_m": None if radius_m is None else f"{radius_m:.10g}",
+        "bbox": None if bbox is None else _degrees(bbox),
+        "q": q,
+    }
+
+
+def _degrees(values: Sequence[float]) -> str:
+    return ",".join(f"{value:.9f}" for value in values)
 
 
 def set_plan_image(level_id: str, png: bytes) -> Call[None]:
@@ -167,6 +207,16 @@ def forget_calibrations(device_id: str) -> Call[None]:
     return Call("DELETE", f"/v1/devices/{device_id}/calibrations", nothing)
 
 
+def device_models() -> Listing[DeviceModel]:
+    """Models that devices name, by name, without estimates."""
+    return _list("/v1/device-models", DeviceModel)
+
+
+def device_model(name: str) -> Call[DeviceModel]:
+    """One model, with what its devices have in common."""
+    return _get(f"/v1/device-models/{quote(name, safe='')}", DeviceModel)
+
+
 # Surveys and maps
 
 
@@ -194,14 +244,17 @@ def add_walk(
     wifi: WifiScans | None = None,
     ble: BleScans | None = None,
     device_id: str | None = None,
+    calibration_epoch: str | None = None,
     encoding: Encoding | str = Encoding.MSGPACK,
     gzip: bool = False,
 ) -> Call[Walk]:
     """Upload a survey walk. The same content again gives the walk that is there already.
 
+    A walk that names its device, and the epoch of its magnetometer as sessions do, teaches it its offset and stride.
+
     The body is encoded while it is sent, so a long walk does not exist twice in memory.
     """
-    fields = present({"name": name, "device_id": device_id})
+    fields = present({"name": name, "device_id": device_id, "calibration_epoch": calibration_epoch})
     aids = Aids(wifi=wifi, ble=ble)
     body = samples_body(fields, samples, aids=aids, waypoints=waypoints, encoding=encoding, gzip=gzip)
     return Call("POST", f"/v1/surveys/{survey_id}/walks", as_model(Walk), body=body)

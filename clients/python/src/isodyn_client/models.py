@@ -108,7 +108,7 @@ class Extent(Model):
 
 
 class Venue(Model):
-    """A place with one local frame."""
+    """A place with one local frame; ``distance_m`` to its bounding box if it was looked for near a place."""
 
     id: str
     name: str
@@ -116,10 +116,11 @@ class Venue(Model):
     anchor: Anchor | None = None
     created_at: datetime
     updated_at: datetime
+    distance_m: float | None = None
 
 
 class Level(Model):
-    """One storey of a venue."""
+    """One storey of a venue; ``distance_m`` to its bounding box if it was looked for near a place."""
 
     id: str
     venue_id: str
@@ -131,6 +132,7 @@ class Level(Model):
     current_map_id: str | None = None
     created_at: datetime
     updated_at: datetime
+    distance_m: float | None = None
 
 
 class Calibration(Model):
@@ -153,14 +155,49 @@ class DeviceCalibration(Calibration):
     updated_at: datetime
 
 
+class CalibrationSource(StrEnum):
+    """Where a session's start comes from."""
+
+    DEVICE = "device"
+    MODEL = "model"
+    NONE = "none"
+
+
+class SessionStart(Model):
+    """What the next session of a device starts with, if it is of this epoch of its magnetometer; and from where."""
+
+    epoch: str
+    source: CalibrationSource
+    calibration: Calibration | None = None
+
+
 class Device(Model):
-    """One physical sensor carrier; ``calibrations`` are there when it is asked for alone."""
+    """One physical sensor carrier; ``calibrations`` and ``next_session`` are there when it is asked for alone."""
 
     id: str
     name: str
     model: str | None = None
     created_at: datetime
     calibrations: tuple[DeviceCalibration, ...] = ()
+    next_session: SessionStart | None = None
+
+
+class ModelEstimate(Model):
+    """What ``n_taught`` devices of a model have in common: the same values with the deviations of the mean
+    (``typical``), of devices among one another (``spread``), and of a new device (``start``)."""
+
+    n_taught: int
+    typical: Calibration
+    spread: Calibration
+    start: Calibration
+
+
+class DeviceModel(Model):
+    """A model that devices name; ``estimate`` is there when it is asked for alone and enough devices taught."""
+
+    name: str
+    n_devices: int
+    estimate: ModelEstimate | None = None
 
 
 class Survey(Model):
@@ -180,6 +217,7 @@ class Walk(Model):
     survey_id: str
     name: str
     device_id: str | None = None
+    calibration_epoch: str = ""
     n_samples: int
     n_waypoints: int
     duration_s: float
