@@ -1,0 +1,87 @@
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from app.engine.mapping.forecast import (
+    HEADINGS_DEG,
+    WalkerErrors,
+    forecast_accuracy,
+    forecast_route,
+    nearest_nodes,
+    resample,
+)
+from app.engine.types import FeatureSet, Float32Array, Float64Array, GridMap
+from tests.reference.forecast import posterior_covariances
+from tests.support.fields import field_map
+
+ERRORS = WalkerErrors(heading=0.2, offset=2.0)
+
+
+def level(features: FeatureSet, seed: int = 0) -> GridMap:
+    """A small map with a wall and an unmapped strip."""
+    grid = field_map(np.random.default_rng(seed), features=features, shape=(14, 23), sd_ut=0.7)
+    support = grid.support.copy()
+    support[:, 9:11] = 4.0
+    obstacle = np.zeros(grid.shape, np.float32)
+    obstacle[6, 4] = 2.0
+    noise = tuple(1.5 + 0.5 * k for k in range(len(features.channels)))
+    return replace(grid, support=support, obstacle=obstacle, noise_sd=noise)
+
+
+def nodes_of(grid: GridMap, row: np.ndarray, column: np.ndarray) -> Float32Array:
+    slope_y, slope_x = np.gradient(grid.mean.astype(np.float64), grid.cell_m, axis=(1, 2))
+    parts = [grid.mean, slope_x, slope_y, grid.sd.astype(np.float64) ** 2]
+    return np.stack([part[:, row, column].T for part in parts], axis=-1).astype(np.float32)
+
+
+def slow(grid: GridMap, row: np.ndarray, column: np.ndarray, steps: Float64Array) -> Float64Array:
+    vector = grid.features is FeatureSet.VECTOR
+    mapped = grid.mapped[row, column]
+    return posterior_covariances(nodes_of(grid, row, column), mapped, steps, grid.noise_sd, ERRORS, vector=vector)
+
+
+@pytest.mark.parametrize("features", list(FeatureSet))
+@pytest.mark.parametrize("heading", range(8))
+def test_a_line_of_nodes(features: FeatureSet, heading: int) -> None:
+    grid = level(features)
+    angle = np.radians(HEADINGS_DEG[heading])
+    dr, dc = int(np.rint(np.sin(angle))), int(np.rint(np.cos(angle)))
+    # the line through (7, 12), from the edge of the grid on
+    at = [(7 + i * dr, 12 + i * dc) for i in range(-30, 31)]
+    row, column = np.array([(r, c) for r, c in at if 0 <= r < 14 and 0 <= c < 23]).T
+    steps = np.tile(np.array([dc, dr]) * grid.cell_m, (len(row), 1))
+    expected = slow(grid, row, column, steps)
+    found = forecast_accuracy(grid, ERRORS).covariance[heading, row, column]
+    mapped = grid.mapped[row, column]
+    assert mapped.sum() > 5
+    np.testing.assert_allclose(found[mapped, 0], expected[mapped, 0, 0], rtol=2e-4)
+    np.testing.assert_allclose(found[mapped, 1], expected[mapped, 0, 1], rtol=2e-3, atol=2e-4)
+    np.testing.assert_allclose(found[mapped, 2], expected[mapped, 1, 1], rtol=2e-4)
+    assert np.isnan(found[~mapped]).all()
+
+
+@pytest.mark.parametrize("features", list(FeatureSet))
+def test_a_route_with_turns_and_a_gap(features: FeatureSet) -> None:
+    grid = level(features, seed=3)
+    route = np.array([[-9.0, -19.0], [-1.0, -18.0], [-2.0, -14.5], [-7.0, -16.0]])
+    found = forecast_route(grid, route, ERRORS)
+    steps = np.diff(found.xy, axis=0)
+    steps = np.concatenate([steps[:1], steps])
+    row, column, _ = nearest_nodes(grid, found.xy)
+    expected = slow(grid, row, column, steps)
+    assert not found.mapped.all()
+    np.testing.assert_allclose(found.error, np.sqrt(np.trace(expected, axis1=1, axis2=2)), rtol=1e-4)
+    u = steps / np.hypot(*steps.T)[:, None]
+    np.testing.assert_allclose(found.along**2, np.einsum("ni,nij,nj->n", u, expected, u), rtol=1e-4)
+
+
+def test_resampling_keeps_corners_and_length() -> None:
+    route = np.array([[0.0, 0.0], [0.0, 0.0], [3.2, 0.0], [3.2, 0.1]])
+    way, xy = resample(route, 0.5)
+    assert way[-1] == pytest.approx(3.3)
+    assert np.diff(way).max() <= 0.5 + 1e-12
+    np.testing.assert_allclose(np.hypot(*np.diff(xy, axis=0).T), np.diff(way), atol=1e-12)
+    assert (np.abs(xy - [3.2, 0.0]).max(axis=1) < 1e-12).any()
