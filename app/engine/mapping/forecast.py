@@ -117,25 +117,29 @@ class AccuracyForecast:
         return direction_sd(self.covariance[heading], np.float32(math.cos(angle)), np.float32(math.sin(angle)))
 
     def weights(self) -> Float32Array:
-        """How much each heading counts at a node, shape (8, rows, columns): by its approach up to 10 m."""
+        """How much each heading counts at a node, shape (8, rows, columns).
+
+        By its approach, up to 10 m; a heading with less than half the approach of the best one does not count at all.
+        """
         weight: Float32Array = np.minimum(self.approach / np.float32(APPROACH_M), np.float32(1.0))
         # a lone node has no approach at all: there all headings count alike
-        return np.where(weight.max(axis=0) > 0.0, weight, np.float32(1.0))
+        weight = np.where(weight.max(axis=0) > 0.0, weight, np.float32(1.0))
+        return np.where(weight >= 0.5 * weight.max(axis=0), weight, np.float32(0.0))
 
     def mean_error(self) -> Float32Array:
-        """Root mean square of the errors over the headings, weighted, m, shape (rows, columns)."""
+        """Root mean square of the errors over the headings that count, m, shape (rows, columns)."""
         weight = self.weights()
-        trace = self.covariance[..., 0] + self.covariance[..., 2]
-        mean: Float32Array = np.sqrt((weight * trace).sum(axis=0) / weight.sum(axis=0))
+        mean: Float32Array = np.sqrt((weight * self._trace()).sum(axis=0) / weight.sum(axis=0))
         return mean
 
     def worst_error(self) -> Float32Array:
-        """Largest error over the headings that count at least half as much as the best approached one, m."""
-        weight = self.weights()
-        trace = self.covariance[..., 0] + self.covariance[..., 2]
-        counts = weight >= 0.5 * weight.max(axis=0)
-        worst: Float32Array = np.sqrt(np.where(counts, trace, np.float32(0.0)).max(axis=0))
-        return np.where(np.isnan(trace[0]), np.float32(np.nan), worst)
+        """Largest error over the headings that count, m, shape (rows, columns)."""
+        worst: Float32Array = np.sqrt(np.where(self.weights() > 0.0, self._trace(), np.float32(0.0)).max(axis=0))
+        return np.where(np.isnan(self.covariance[0, ..., 0]), np.float32(np.nan), worst)
+
+    def _trace(self) -> Float32Array:
+        trace: Float32Array = self.covariance[..., 0] + self.covariance[..., 2]
+        return trace
 
 
 def direction_sd(covariance: Float32Array, c: Float32Array, s: Float32Array) -> Float32Array:
