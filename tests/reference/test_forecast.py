@@ -22,11 +22,11 @@ ERRORS = WalkerErrors(heading=0.2, offset=2.0)
 
 def level(features: FeatureSet, seed: int = 0) -> GridMap:
     """A small map with a wall and an unmapped strip."""
-    grid = field_map(np.random.default_rng(seed), features=features, shape=(14, 23), sd_ut=0.7)
+    grid = field_map(np.random.default_rng(seed), features=features, shape=(8, 14), sd_ut=0.7)
     support = grid.support.copy()
-    support[:, 9:11] = 4.0
+    support[:, 3:5] = 4.0
     obstacle = np.zeros(grid.shape, np.float32)
-    obstacle[6, 4] = 2.0
+    obstacle[3, 2] = 2.0
     noise = tuple(1.5 + 0.5 * k for k in range(len(features.channels)))
     return replace(grid, support=support, obstacle=obstacle, noise_sd=noise)
 
@@ -49,12 +49,14 @@ def test_a_line_of_nodes(features: FeatureSet, heading: int) -> None:
     grid = level(features)
     angle = np.radians(HEADINGS_DEG[heading])
     dr, dc = int(np.rint(np.sin(angle))), int(np.rint(np.cos(angle)))
-    # the line through (7, 12), from the edge of the grid on
-    at = [(7 + i * dr, 12 + i * dc) for i in range(-30, 31)]
-    row, column = np.array([(r, c) for r, c in at if 0 <= r < 14 and 0 <= c < 23]).T
+    # the line through (4, 9), from the edge of the grid on
+    at = [(4 + i * dr, 9 + i * dc) for i in range(-30, 31)]
+    row, column = np.array([(r, c) for r, c in at if 0 <= r < 8 and 0 <= c < 14]).T
     steps = np.tile(np.array([dc, dr]) * grid.cell_m, (len(row), 1))
     expected = slow(grid, row, column, steps)
-    found = forecast_accuracy(grid, ERRORS).covariance[heading, row, column]
+    whole = forecast_accuracy(grid, ERRORS)
+    assert (whole.x0, whole.y0, whole.cell_m) == (grid.x0, grid.y0, grid.cell_m)
+    found = whole.covariance[heading, row, column]
     mapped = grid.mapped[row, column]
     assert mapped.sum() > 5
     np.testing.assert_allclose(found[mapped, 0], expected[mapped, 0, 0], rtol=2e-4)
@@ -66,7 +68,7 @@ def test_a_line_of_nodes(features: FeatureSet, heading: int) -> None:
 @pytest.mark.parametrize("features", list(FeatureSet))
 def test_a_route_with_turns_and_a_gap(features: FeatureSet) -> None:
     grid = level(features, seed=3)
-    route = np.array([[-9.0, -19.0], [-1.0, -18.0], [-2.0, -14.5], [-7.0, -16.0]])
+    route = np.array([[-9.8, -19.5], [-4.0, -19.0], [-4.5, -17.0], [-9.0, -17.0]])
     found = forecast_route(grid, route, ERRORS)
     steps = np.diff(found.xy, axis=0)
     steps = np.concatenate([steps[:1], steps])

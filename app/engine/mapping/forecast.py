@@ -30,6 +30,8 @@ APPROACH_M = 10.0
 """A heading counts in full at nodes to which it leads this far over walkable ground: nobody comes out of a wall."""
 WALKABLE_DEPTH_M = 0.5
 """Plans are off by some decimetres: nodes less deep in a wall count as walkable."""
+MAX_NODES = 500_000
+"""Of a raster, for time and memory: a larger part of a map is thinned."""
 ROUTE_STEP_M = 0.5
 LOST_M = 5.0
 """A forecast error above this is no position that somebody could use indoors."""
@@ -85,18 +87,29 @@ class WalkerErrors:
         )  # fmt: skip
 
 
+PHONE = WalkerErrors()
+"""A phone held in the hand."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class AccuracyForecast:
     """Expected accuracy per node and heading.
 
+    Node ``[r, c]`` lies at ``(x0 + c * cell_m, y0 + r * cell_m)``: the part of the map's grid that holds mapped nodes,
+    coarser where that is large.
+
     Attributes
     ----------
+    x0, y0, cell_m : float, m
     covariance : array, shape (8, rows, columns, 3), float32, m^2
         xx, xy, yy of the position for the directions of :data:`HEADINGS_DEG`; NaN where not mapped or not walkable.
     approach : array, shape (8, rows, columns), float32, m
         How far the walker has come in this direction over walkable ground.
     """
 
+    x0: float
+    y0: float
+    cell_m: float
     covariance: Float32Array
     approach: Float32Array
 
@@ -114,7 +127,10 @@ class AccuracyForecast:
         return self._in_direction(heading, math.radians(HEADINGS_DEG[heading] + 90.0))
 
     def _in_direction(self, heading: int, angle: float) -> Float32Array:
-        return direction_sd(self.covariance[heading], np.float32(math.cos(angle)), np.float32(math.sin(angle)))
+        c, s = np.float32(math.cos(angle)), np.float32(math.sin(angle))
+        xx, xy, yy = (self.covariance[heading, ..., k] for k in range(3))
+        sd: Float32Array = np.sqrt(np.maximum(c * c * xx + 2 * c * s * xy + s * s * yy, np.float32(0.0)))
+        return sd
 
     def weights(self) -> Float32Array:
         """How much each heading counts at a node, shape (8, rows, columns).
@@ -142,13 +158,6 @@ class AccuracyForecast:
         return trace
 
 
-def direction_sd(covariance: Float32Array, c: Float32Array, s: Float32Array) -> Float32Array:
-    """Standard deviation of a position in the direction (c, s); covariance (..., 3): xx, xy, yy."""
-    xx, xy, yy = covariance[..., 0], covariance[..., 1], covariance[..., 2]
-    sd: Float32Array = np.sqrt(np.maximum(c * c * xx + 2 * c * s * xy + s * s * yy, 0.0))
-    return sd
-
-
 def walkable(grid_map: GridMap) -> BoolArray:
     """Nodes where people can walk by the plan, shape (rows, columns); all nodes without one."""
     if grid_map.obstacle is None:
@@ -157,7 +166,9 @@ def walkable(grid_map: GridMap) -> BoolArray:
     return open_
 
 
-def forecast_accuracy(grid_map: GridMap, errors: WalkerErrors = WalkerErrors()) -> AccuracyForecast:
+def forecast_accuracy(
+    grid_map: GridMap, errors: WalkerErrors = PHONE, *, max_nodes: int = MAX_NODES
+) -> AccuracyForecast:
     """Expected accuracy at each node of a map, for a walker who came straight to it in each of eight directions.
 
     The walker enters a line where it becomes walkable, with the start's uncertainty, and takes a reading at each mapped
@@ -168,17 +179,35 @@ def forecast_accuracy(grid_map: GridMap, errors: WalkerErrors = WalkerErrors()) 
     MapError
         The map is smaller than two by two nodes.
     """
-    nodes = _nodes(grid_map)
-    open_, mapped = walkable(grid_map), np.ascontiguousarray(grid_map.mapped)
+    rows, columns = _part(grid_map.mapped, max_nodes)
+    at = np.ix_(rows, columns)
+    row, column = (part.ravel() for part in np.meshgrid(rows, columns, indexing="ij"))
+    shape = (len(rows), len(columns))
+    nodes = _nodes_at(grid_map, row, column).reshape(*shape, -1, 4)
+    open_, mapped = walkable(grid_map)[at], grid_map.mapped[at]
     share, white = _noise(grid_map, errors)
-    shape = (len(_MOVES), *grid_map.shape)
-    covariance, approach = np.full((*shape, 3), np.nan, np.float32), np.zeros(shape, np.float32)
+    covariance = np.full((len(_MOVES), *shape, 3), np.nan, np.float32)
+    approach = np.zeros((len(_MOVES), *shape), np.float32)
     vector, q = grid_map.features is FeatureSet.VECTOR, errors.kernel_parameters()
+    cell = grid_map.cell_m * (int(rows[1] - rows[0]) if len(rows) > 1 else 1)
     for k, move in enumerate(_MOVES):
-        kernel.scan(
-            nodes, open_, mapped, grid_map.cell_m, np.array(move), share, white, vector, q, covariance[k], approach[k]
-        )
-    return AccuracyForecast(covariance, approach)
+        kernel.scan(nodes, open_, mapped, cell, np.array(move), share, white, vector, q, covariance[k], approach[k])
+    first = (grid_map.x0 + columns[0] * grid_map.cell_m, grid_map.y0 + rows[0] * grid_map.cell_m)
+    return AccuracyForecast(*first, cell, covariance, approach)
+
+
+def _part(mapped: BoolArray, max_nodes: int) -> tuple[IntArray, IntArray]:
+    """Rows and columns that hold mapped nodes, evenly thinned to so many nodes at most; at least two of each."""
+    parts = []
+    for axis in (0, 1):
+        held = np.flatnonzero(mapped.any(axis=1 - axis))
+        last = mapped.shape[axis] - 1
+        lo, hi = (int(held[0]), int(held[-1])) if len(held) else (0, 0)
+        lo = max(min(lo, last - 1), 0)
+        parts.append((lo, min(max(hi, lo + 1), last) + 1))
+    (r0, r1), (c0, c1) = parts
+    every = max(math.ceil(math.sqrt((r1 - r0) * (c1 - c0) / max_nodes)), 1)
+    return np.arange(r0, r1, every), np.arange(c0, c1, every)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -206,7 +235,7 @@ class RouteForecast:
         return len(self.way)
 
 
-def forecast_route(grid_map: GridMap, route: Float64Array, errors: WalkerErrors = WalkerErrors()) -> RouteForecast:
+def forecast_route(grid_map: GridMap, route: Float64Array, errors: WalkerErrors = PHONE) -> RouteForecast:
     """Expected accuracy along a route.
 
     Parameters
@@ -259,8 +288,7 @@ def resample(route: Float64Array, step_m: float) -> tuple[Float64Array, Float64A
     corner = np.append(0.0, np.cumsum(legs))
     parts = np.maximum(np.ceil(legs / step_m).astype(np.int64), 1)
     way = np.concatenate(
-        [a + (b - a) * np.arange(n) / n for a, b, n in zip(corner[:-1], corner[1:], parts, strict=True)]
-        + [corner[-1:]]
+        [a + (b - a) * np.arange(n) / n for a, b, n in zip(corner[:-1], corner[1:], parts, strict=True)] + [corner[-1:]]
     )
     return way, np.stack([np.interp(way, corner, route[:, 0]), np.interp(way, corner, route[:, 1])], axis=1)
 
@@ -279,20 +307,8 @@ def _noise(grid_map: GridMap, errors: WalkerErrors) -> tuple[Float64Array, Float
     return errors.shared * variance, (1.0 - errors.shared) * variance
 
 
-def _nodes(grid_map: GridMap) -> Float32Array:
-    """Mean, slopes along x and y, variance of the map: shape (rows, columns, channels, 4)."""
-    if min(grid_map.shape) < 2:
-        raise MapError("a map needs at least two by two nodes")
-    nodes = np.empty((*grid_map.shape, grid_map.mean.shape[0], 4), dtype=np.float32)
-    for k, (mean, sd) in enumerate(zip(grid_map.mean, grid_map.sd, strict=True)):
-        slope_y, slope_x = np.gradient(mean, grid_map.cell_m)
-        nodes[..., k, 0], nodes[..., k, 1], nodes[..., k, 2] = mean, slope_x, slope_y
-        nodes[..., k, 3] = sd * sd
-    return nodes
-
-
 def _nodes_at(grid_map: GridMap, row: IntArray, column: IntArray) -> Float32Array:
-    """The same at some nodes only, shape (n, channels, 4): a route needs no raster of slopes."""
+    """Mean, slopes along x and y, variance of the map at some nodes, shape (n, channels, 4)."""
     if min(grid_map.shape) < 2:
         raise MapError("a map needs at least two by two nodes")
     rows, columns = grid_map.shape

@@ -207,9 +207,16 @@ def _witnesses(
     slope = np.stack([np.hypot(*np.gradient(m, grid_map.cell_m))[row, column] for m in grid_map.mean], axis=1)
     by_place = (evidence.spread[inside, None].astype(np.float64) * slope) ** 2
     cell = _index(xy, corner, shape)
-    _, first, visit = np.unique(cell * len(evidence.sources) + evidence.source[inside], return_index=True, return_inverse=True)
+    _, first, visit = np.unique(
+        cell * len(evidence.sources) + evidence.source[inside], return_index=True, return_inverse=True
+    )
     size = np.bincount(visit)[:, None]
-    return cell[first], evidence.source[inside][first].astype(np.int64), _sums(visit, difference) / size, _sums(visit, by_place) / size
+    return (
+        cell[first],
+        evidence.source[inside][first].astype(np.int64),
+        _sums(visit, difference) / size,
+        _sums(visit, by_place) / size,
+    )
 
 
 def _index(xy: Float64Array, corner: tuple[float, float], shape: tuple[int, int]) -> IntArray:
@@ -253,9 +260,7 @@ def _usual(cell: IntArray, values: Float64Array, noise_sd: Float64Array) -> Floa
     return variance
 
 
-def _between(
-    cell: IntArray, values: Float64Array, weight: Float64Array, cells: int
-) -> tuple[Float64Array, IntArray]:
+def _between(cell: IntArray, values: Float64Array, weight: Float64Array, cells: int) -> tuple[Float64Array, IntArray]:
     """Weighted variance between each cell's sources, (cells, channels), and their number."""
     count = np.bincount(cell, minlength=cells)
     total = np.maximum(_sums(cell, weight, cells), 1e-12)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from app.engine.kernels import forecast as kernel
-from app.engine.mapping.forecast import RouteForecast, WalkerErrors, nearest_nodes
+from app.engine.mapping.forecast import PHONE, RouteForecast, WalkerErrors, nearest_nodes
 from app.engine.types import Float64Array, GridMap, IntArray
 
 STRETCH_M = 40.0
@@ -23,6 +23,9 @@ SAME_M = 6.0
 LIKE_NATS = 4.0
 """A stretch with a place less than this much less likely is ambiguous: the odds at which a search says it is sure."""
 _MAPPED_SHARE = 0.8
+_BUDGET = 20_000_000
+"""Places that all stretches of a route together are compared with, about a second: on large levels a long route is
+compared at fewer points."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -44,15 +47,19 @@ class Rivals:
     distance: Float64Array
 
     def ambiguous(self, way: Float64Array) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
-        """Whether points of the route, by their way, lie on a stretch that looks like another place."""
+        """Whether points of the route, by their way, end a stretch that looks like another place, shape of ``way``.
+
+        A stretch speaks for the points since the one before it; the first for all before it, where less was seen still.
+        """
         found = np.zeros(len(way), dtype=bool)
-        for end, nats in zip(self.way, self.nats, strict=True):
+        before = np.append(0.0, self.way[:-1])
+        for begin, end, nats in zip(before, self.way, self.nats, strict=True):
             if nats < LIKE_NATS:
-                found |= (way <= end + 1e-9) & (way > end - EVERY_M)
+                found |= (way <= end + 1e-9) & (way > begin + 1e-9)
         return found
 
 
-def find_rivals(grid_map: GridMap, route: RouteForecast, errors: WalkerErrors = WalkerErrors()) -> Rivals:
+def find_rivals(grid_map: GridMap, route: RouteForecast, errors: WalkerErrors = PHONE) -> Rivals:
     """Compare each stretch of a route with all places of the level.
 
     A sensor's offset is not known, so each channel's mean difference is left out. Readings are independent about every
@@ -64,7 +71,7 @@ def find_rivals(grid_map: GridMap, route: RouteForecast, errors: WalkerErrors = 
     step = pitch * grid_map.cell_m
     row, column, _ = nearest_nodes(grid_map, route.xy)
     row, column = np.minimum(row // pitch, mapped.shape[0] - 1), np.minimum(column // pitch, mapped.shape[1] - 1)
-    ends = _ends(float(route.way[-1]))
+    ends = _ends(float(route.way[-1]), max(EVERY_M, float(route.way[-1]) * mapped.size / _BUDGET))
     nats, distance = np.full(len(ends), np.inf), np.full(len(ends), np.nan)
     for i, end in enumerate(ends):
         points = _points(route, end, step)
@@ -80,10 +87,10 @@ def find_rivals(grid_map: GridMap, route: RouteForecast, errors: WalkerErrors = 
     return Rivals(ends, nats, distance)
 
 
-def _ends(length: float) -> Float64Array:
+def _ends(length: float, every: float) -> Float64Array:
     if length < STRETCH_M:
         return np.array([length]) if length >= LEAST_M else np.empty(0)
-    return np.arange(STRETCH_M, length + 1e-9, EVERY_M)
+    return np.arange(STRETCH_M, length + 1e-9, every)
 
 
 def _points(route: RouteForecast, end: float, step: float) -> IntArray:

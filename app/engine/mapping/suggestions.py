@@ -20,7 +20,7 @@ from scipy import ndimage
 from app.engine.mapping.forecast import nearest_nodes
 from app.engine.mapping.model import Covariance
 from app.engine.mapping.quality import ConflictView, walkable_space
-from app.engine.types import BoolArray, Evidence, Float32Array, Float64Array, GridMap, UInt8Array
+from app.engine.types import BoolArray, Evidence, Float64Array, GridMap, UInt8Array
 
 PITCH_M = 1.0
 LONGEST_M, SHORTEST_M = 30.0, 6.0
@@ -33,6 +33,9 @@ _SPACING_M = 2.0
 _POINT_M = 0.5
 _WEIGHED = 400
 _PASS_M = 1.5
+
+
+DEFAULT = Covariance()
 
 
 class Reason(StrEnum):
@@ -162,7 +165,7 @@ def suggest_lines(
     *,
     count: int = 10,
     field_sd: Sequence[float],
-    covariance: Covariance = Covariance(),
+    covariance: Covariance = DEFAULT,
     evidence: Evidence | None = None,
     conflict: ConflictView | None = None,
     now: float | None = None,
@@ -339,8 +342,7 @@ def one_direction(grid_map: GridMap, evidence: Evidence | None) -> BoolArray:
 
 
 def _turned(octants: UInt8Array, by: int) -> UInt8Array:
-    turned: UInt8Array = (octants << by) | (octants >> (8 - by))
-    return turned
+    return np.left_shift(octants, np.uint8(by)) | np.right_shift(octants, np.uint8(8 - by))
 
 
 def _spread(octants: UInt8Array, reach: int) -> UInt8Array:
@@ -357,10 +359,11 @@ def _spread(octants: UInt8Array, reach: int) -> UInt8Array:
     return found
 
 
-def _passes(grid_map: GridMap, evidence: Evidence | None) -> list[Float32Array]:
+def _passes(grid_map: GridMap, evidence: Evidence | None) -> list[Float64Array]:
+    """Points of each walk, (k, 2)."""
     if evidence is not None:
-        return [evidence.xy[evidence.source == k] for k in range(len(evidence.sources))]
-    return [] if grid_map.routes is None else list(grid_map.routes.lines())
+        return [evidence.xy[evidence.source == k].astype(np.float64) for k in range(len(evidence.sources))]
+    return [] if grid_map.routes is None else [line.astype(np.float64) for line in grid_map.routes.lines()]
 
 
 def _old(grid_map: GridMap, evidence: Evidence | None, now: float | None) -> BoolArray:
