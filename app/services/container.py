@@ -12,6 +12,7 @@ from app.services.jobs import JobService
 from app.services.locate import LocateService
 from app.services.maps import MapService
 from app.services.methods import MethodCheck, check_method
+from app.services.planning import PlanningService
 from app.services.ports import Executor, JobListener, MapCache, UnitOfWorkFactory
 from app.services.processing import ProcessingService
 from app.services.sessions import SessionService
@@ -32,6 +33,7 @@ class Services:
     devices: DeviceService
     surveys: SurveyService
     maps: MapService
+    planning: PlanningService
     sessions: SessionService
     locate: LocateService
     trajectories: TrajectoryService
@@ -59,11 +61,13 @@ def build_services(
     ``locate_task`` is what workers run for a one-shot location, ``smooth_task`` for a smoothed trajectory
     (``app.workers.tasks``): the use cases know that they exist, not where they live.
     """
+    maps = MapService(uow=uow, clock=clock, cache=cache, listener=listener)
     return Services(
         venues=VenueService(uow=uow, clock=clock),
         devices=DeviceService(uow=uow, clock=clock),
         surveys=SurveyService(uow=uow, clock=clock),
-        maps=MapService(uow=uow, clock=clock, cache=cache, listener=listener),
+        maps=maps,
+        planning=PlanningService(uow=uow, clock=clock, maps=maps),
         sessions=SessionService(
             uow=uow, clock=clock, cache=cache, listener=listener, max_queued=max_queued, check=check
         ),

@@ -342,7 +342,8 @@ def one_direction(grid_map: GridMap, evidence: Evidence | None) -> BoolArray:
 
 
 def _turned(octants: UInt8Array, by: int) -> UInt8Array:
-    return np.left_shift(octants, np.uint8(by)) | np.right_shift(octants, np.uint8(8 - by))
+    # uint8: what is shifted out on the left comes in on the right
+    return np.asarray((octants << by) | (octants >> (8 - by)), dtype=np.uint8)
 
 
 def _spread(octants: UInt8Array, reach: int) -> UInt8Array:
