@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from app.cli import bench, database, demo, evaluate, keys, locate, maps, replay, serve, surveys
+from app.cli import bench, database, demo, evaluate, keys, locate, maps, planning, replay, serve, surveys
 from app.cli.common import NAMED
 
 app = typer.Typer(
@@ -23,6 +23,9 @@ app.command("serve")(serve.serve)
 app.command("demo")(demo.demo)
 app.add_typer(surveys.app, name="survey")
 app.add_typer(maps.app, name="map")
+maps.app.command("quality")(planning.quality)
+maps.app.command("suggest")(planning.suggest)
+maps.app.command("forecast")(planning.forecast)
 app.command("locate")(locate.locate)
 app.command("replay")(replay.replay)
 app.add_typer(evaluate.app, name="evaluate")

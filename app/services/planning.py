@@ -73,6 +73,11 @@ class ConflictSummary:
     shared_cells: int
     conflict_cells: int
 
+    @classmethod
+    def of(cls, view: ConflictView) -> ConflictSummary:
+        """Of a view."""
+        return cls(int(np.isfinite(view.ratio).sum()), int(view.conflict.sum()))
+
 
 @dataclass(frozen=True, slots=True)
 class MapQuality:
@@ -121,14 +126,13 @@ class PlanningService:
         """Coverage, expected accuracy and conflicts of a map."""
         info, grid, accuracy = self._maps.get(map_id), self._maps.grid(map_id), self._accuracy(map_id)
         view = self._conflicts(map_id, grid)
-        conflict = view and ConflictSummary(int(np.isfinite(view.ratio).sum()), int(view.conflict.sum()))
         return MapQuality(
             info=info,
             coverage=summarize_coverage(grid),
             mean_error=ErrorSummary.of(accuracy.mean_error()),
             worst_error=ErrorSummary.of(accuracy.worst_error()),
             by_heading=tuple((deg, ErrorSummary.of(accuracy.error(k))) for k, deg in enumerate(HEADINGS_DEG)),
-            conflict=conflict,
+            conflict=None if view is None else ConflictSummary.of(view),
         )
 
     def raster(self, map_id: str, layer: QualityLayer, heading_deg: int | None = None) -> QualityRaster:

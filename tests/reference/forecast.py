@@ -70,6 +70,33 @@ def posterior_covariances(
     return found
 
 
+def likest_place(
+    mean: Float32Array,
+    mapped: BoolArray,
+    rows: Float64Array,
+    columns: Float64Array,
+    weight: Float64Array,
+    *,
+    least: int,
+    near: float,
+) -> tuple[float, int, int]:
+    """Smallest weighted sum of squares of a stretch about its mean difference to another place, and the move to it."""
+    best = (np.inf, 0, 0)
+    height, width, _ = mean.shape
+    for dr in range(-height, height):
+        for dc in range(-width, width):
+            r, c = rows + dr, columns + dc
+            if np.hypot(dr, dc) < near or r.min() < 0 or c.min() < 0 or r.max() >= height or c.max() >= width:
+                continue
+            known = mapped[r, c]
+            if known.sum() < least:
+                continue
+            gap = (mean[r, c].astype(float) - mean[rows, columns])[known]
+            cost = float((weight * ((gap - gap.mean(axis=0)) ** 2).sum(axis=0)).sum()) * len(rows) / known.sum()
+            best = min(best, (cost, dr, dc))
+    return best
+
+
 def _slope(node: Float32Array, k: int, heading: float, *, vector: bool) -> Float64Array:
     """Change of a reading with (x, y, heading, offsets)."""
     channels = len(node)

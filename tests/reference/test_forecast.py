@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from app.engine.kernels import forecast as kernel
 from app.engine.mapping.forecast import (
     HEADINGS_DEG,
     WalkerErrors,
@@ -14,7 +15,7 @@ from app.engine.mapping.forecast import (
     resample,
 )
 from app.engine.types import FeatureSet, Float32Array, Float64Array, GridMap
-from tests.reference.forecast import posterior_covariances
+from tests.reference.forecast import likest_place, posterior_covariances
 from tests.support.fields import field_map
 
 ERRORS = WalkerErrors(heading=0.2, offset=2.0)
@@ -78,6 +79,32 @@ def test_a_route_with_turns_and_a_gap(features: FeatureSet) -> None:
     np.testing.assert_allclose(found.error, np.sqrt(np.trace(expected, axis1=1, axis2=2)), rtol=1e-4)
     u = steps / np.hypot(*steps.T)[:, None]
     np.testing.assert_allclose(found.along**2, np.einsum("ni,nij,nj->n", u, expected, u), rtol=1e-4)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_the_place_most_like_a_stretch(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    mean = rng.normal(size=(12, 15, 2)).astype(np.float32)
+    mapped = rng.random((12, 15)) > 0.1
+    rows, columns = np.array([4, 4, 5, 5, 6]), np.array([5, 6, 6, 7, 7])
+    mapped[rows, columns] = True
+    if seed == 0:  # a copy of the stretch with an offset: found exactly
+        mean[rows + 3, columns - 4] = mean[rows, columns] + np.float32(7.0)
+        mapped[rows + 3, columns - 4] = True
+    weight, best = np.array([0.5, 0.2]), np.empty(3)
+    kernel.rivals(mean, mapped, rows, columns, weight, 4, 3.0, 1e9, best)
+    expected = likest_place(mean, mapped, rows, columns, weight, least=4, near=3.0)
+    assert best[0] == pytest.approx(expected[0], rel=1e-9, abs=1e-9)
+    if seed == 0:
+        assert best[0] == pytest.approx(0.0, abs=1e-9)
+    assert (int(best[1]), int(best[2])) == expected[1:]
+
+
+def test_a_stretch_without_another_place_is_left_alone() -> None:
+    best = np.empty(3)
+    mean, rows = np.zeros((2, 4, 1), np.float32), np.array([0, 0, 0, 0])
+    kernel.rivals(mean, np.ones((2, 4), bool), rows, np.arange(4), np.ones(1), 4, 2.0, 16.0, best)
+    assert best.tolist() == [16.0, 0.0, 0.0]
 
 
 def test_resampling_keeps_corners_and_length() -> None:

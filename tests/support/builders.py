@@ -264,7 +264,8 @@ def map_build(
     )
     built = grid_map(level_id, seed=seed, plan=plan, radio=radio)
     evidence = Evidence.joined(
-        [
+        [Evidence.empty(built.features)]
+        + [
             Evidence.of(
                 built.features, EvidenceSource(report.walk_id, SourceKind.SURVEY), np.full((3, 2), i), np.ones((3, 2))
             )

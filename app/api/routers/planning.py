@@ -149,8 +149,7 @@ def get_suggestions(
 )
 def forecast_route(map_id: str, body: ForecastIn, services: ServicesDep) -> Response:
     """Expected error along and across the way, and stretches where the position will be lost or doubtful."""
-    route = [(x, y) for x, y in body.route]
-    outlook = services.planning.forecast(map_id, route, body.known_m)
+    outlook = services.planning.forecast(map_id, body.corners(), body.known_m)
     return Response(orjson.dumps(forecast_object(map_id, outlook)), media_type=JSON)
 
 

@@ -7,16 +7,18 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field
 
+from app.api.errors import RejectedError
 from app.api.schemas.base import In, Metres, Number, Out, example
 from app.api.schemas.levels import LEVEL_ID
 from app.api.schemas.maps import MAP_ID
+from app.api.validation import FieldError
 from app.engine.mapping.outlook import RouteOutlook, Trouble
 from app.engine.mapping.quality import CoverageSummary
 from app.engine.mapping.suggestions import Reason, Suggestion
 from app.services.planning import ErrorSummary, MapQuality, QualityLayer, SurveyPlan
 from app.services.records import Anchor
 
-MAX_CORNERS = 500
+MAX_CORNERS = 1000
 
 _ERROR = {"p50_m": 1.58, "p90_m": 2.41}
 _QUALITY = {
@@ -81,7 +83,9 @@ class CoverageSummaryOut(Out):
     mapped_share: float
     support_p50_m: Annotated[float | None, Field(description="From walkable ground to the nearest survey sample.")]
     support_p90_m: float | None
-    regions: Annotated[list[RegionOut], Field(description="Connected parts of at least 10 m2, largest first, up to 50.")]
+    regions: Annotated[
+        list[RegionOut], Field(description="Connected parts of at least 10 m2, largest first, up to 50.")
+    ]
 
     @classmethod
     def of(cls, summary: CoverageSummary) -> Self:
@@ -141,9 +145,7 @@ class QualityOut(Out):
     mean_error: Annotated[ErrorSummaryOut, Field(description="Root mean square over the headings that lead there.")]
     worst_error: Annotated[ErrorSummaryOut, Field(description="Largest over the headings that lead there.")]
     by_heading: list[HeadingErrorOut]
-    conflict: Annotated[
-        ConflictSummaryOut | None, Field(description="Null for maps stored without what they rest on.")
-    ]
+    conflict: Annotated[ConflictSummaryOut | None, Field(description="Null for maps stored without what they rest on.")]
 
     @classmethod
     def of(cls, quality: MapQuality) -> Self:
@@ -184,7 +186,8 @@ class SuggestionOut(Out):
     end: Point
     length_m: float
     gain_m2: Annotated[
-        float, Field(description="What it teaches: as much as so much unknown ground, known without error from then on.")
+        float,
+        Field(description="What it teaches: as much as so much unknown ground, known without error from then on."),
     ]
     reasons: list[Reason]
     words: str
@@ -269,21 +272,30 @@ def _line(one: Suggestion) -> dict[str, Any]:
     }
 
 
+class RouteIn(In):
+    """Corners of a route in level metres, as columns of one length."""
+
+    x: Annotated[list[Metres], Field(min_length=2, max_length=MAX_CORNERS)]
+    y: Annotated[list[Metres], Field(min_length=2, max_length=MAX_CORNERS)]
+
+
 class ForecastIn(In):
-    """A route to look ahead on: corners in level metres, straight lines between them, at most 2 km."""
+    """A route to look ahead on, straight from corner to corner, at most 2 km."""
 
-    model_config = {
-        **In.model_config,
-        **example({"route": [[120.0, 60.0], [150.0, 60.0], [150.0, 85.0]], "known_m": 3.0}),
-    }
+    model_config = example({"route": {"x": [120.0, 150.0, 150.0], "y": [60.0, 60.0, 85.0]}, "known_m": 3.0})
 
-    route: Annotated[
-        list[Annotated[list[Metres], Field(min_length=2, max_length=2)]],
-        Field(min_length=2, max_length=MAX_CORNERS, description="x, y of each corner."),
-    ]
+    route: RouteIn
     known_m: Annotated[
         Number, Field(ge=0.1, le=100.0, description="Standard deviation of the position at the start, per axis.")
     ] = 3.0
+
+    def corners(self) -> list[tuple[float, float]]:
+        """Return the corners; RejectedError if the columns differ in length."""
+        x, y = self.route.x, self.route.y
+        if len(x) != len(y):
+            fault = FieldError("route.y", f"has {len(y)} values, x has {len(x)}", "send columns of one length")
+            raise RejectedError([fault])
+        return list(zip(x, y, strict=True))
 
 
 class StretchOut(Out):

@@ -79,6 +79,7 @@ from isodyn_client.models import (
     Walk,
     WalkReport,
 )
+from isodyn_client.planning import MapQuality, RouteForecast, Stretch, Suggestion, Suggestions
 from isodyn_client.results import LocateResult, PositionPage, SegmentInfo, SegmentResult
 from isodyn_client.retry import RetryPolicy
 from isodyn_client.samples import Samples, Waypoints
@@ -117,6 +118,7 @@ __all__ = [
     "LevelMap",
     "LocateResult",
     "MapInfo",
+    "MapQuality",
     "Method",
     "MethodParameter",
     "NewApiKey",
@@ -132,6 +134,7 @@ __all__ = [
     "RateLimitedError",
     "RequestTimeoutError",
     "RetryPolicy",
+    "RouteForecast",
     "Samples",
     "Scope",
     "SegmentInfo",
@@ -148,6 +151,9 @@ __all__ = [
     "Status",
     "StepCounts",
     "StillWaitingError",
+    "Stretch",
+    "Suggestion",
+    "Suggestions",
     "Survey",
     "TooLargeError",
     "UnauthorizedError",
