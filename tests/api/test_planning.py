@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import io
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -18,7 +19,15 @@ GEO_JSON = {"Accept": "application/geo+json"}
 ROUTE = {"x": [0.0, 20.0, 20.0], "y": [5.0, 5.0, 40.0]}
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
+def api(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Api]:
+    """One application for all: nothing here is stored."""
+    made = Api(tmp_path_factory.mktemp("planning"))
+    yield made
+    made.close()
+
+
+@pytest.fixture(scope="module")
 def path(api: Api) -> str:
     return f"/v1/maps/{api.mapped_level().current_map_id}"
 

@@ -63,7 +63,8 @@ def test_lists_show_ids_whole(service: Service, surveyed: Surveyed) -> None:
 def test_quality_is_shown_and_drawn(service: Service, surveyed: Surveyed, tmp_path: Path) -> None:
     shown = service.isodyn("map", "quality", surveyed.map_id, "--out", tmp_path / "error.png").stdout
     assert "of the floor plan" in shown
-    assert Image.open(tmp_path / "error.png").width > 10
+    with Image.open(tmp_path / "error.png") as image:
+        assert image.width > 10
     heading = ("--layer", "along", "--heading", "90")
     service.isodyn("map", "quality", surveyed.map_id, "--out", tmp_path / "along.npy", *heading)
     assert np.nanmin(np.load(tmp_path / "along.npy")) > 0

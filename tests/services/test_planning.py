@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -14,6 +15,14 @@ from app.services.errors import InvalidError, NoEvidenceError, NotFoundError
 from app.services.planning import HEADING_LAYERS, PlanningService, QualityLayer
 from app.services.records import Anchor
 from tests.support.builders import World, grid_map
+
+
+@pytest.fixture(scope="module")
+def world(tmp_path_factory: pytest.TempPathFactory) -> Iterator[World]:
+    """One database for all: planning stores nothing."""
+    made = World.at(tmp_path_factory.mktemp("planning"))
+    yield made
+    made.close()
 
 
 def _map_id(world: World) -> str:
