@@ -15,6 +15,7 @@ from app.cli import (
     keys,
     locate,
     maps,
+    planning,
     replay,
     serve,
     sessions,
@@ -40,6 +41,9 @@ app.add_typer(maps.app, name="map")
 app.add_typer(contributions.app, name="contributions")
 for _command in (versions.publish, versions.rollback, versions.history, versions.sources, versions.diff):
     maps.app.command(_command.__name__)(_command)
+maps.app.command("quality")(planning.quality)
+maps.app.command("suggest")(planning.suggest)
+maps.app.command("forecast")(planning.forecast)
 app.command("locate")(locate.locate)
 app.command("replay")(replay.replay)
 app.add_typer(sessions.app, name="session")

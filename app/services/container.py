@@ -14,6 +14,7 @@ from app.services.jobs import JobService
 from app.services.locate import LocateService
 from app.services.maps import MapService
 from app.services.methods import MethodCheck, check_method
+from app.services.planning import PlanningService
 from app.services.ports import Executor, JobListener, MapCache, UnitOfWorkFactory
 from app.services.processing import ProcessingService
 from app.services.replays import ReplayService
@@ -41,6 +42,7 @@ class Services:
     maps: MapService
     contributions: ContributionService
     versions: VersionService
+    planning: PlanningService
     sessions: SessionService
     locate: LocateService
     trajectories: TrajectoryService
@@ -70,15 +72,17 @@ def build_services(
     ``locate_task`` is what workers run for a one-shot location, ``smooth_task`` for a smoothed trajectory,
     ``replay_task`` for a replay (``app.workers.tasks``): the use cases know that they exist, not where they live.
     """
+    maps = MapService(uow=uow, clock=clock, cache=cache, listener=listener)
     return Services(
         venues=VenueService(uow=uow, clock=clock),
         search=SearchService(uow=uow, clock=clock),
         devices=DeviceService(uow=uow, clock=clock),
         device_models=DeviceModelService(uow=uow, clock=clock),
         surveys=SurveyService(uow=uow, clock=clock),
-        maps=MapService(uow=uow, clock=clock, cache=cache, listener=listener),
         contributions=ContributionService(uow=uow, clock=clock, listener=listener),
         versions=VersionService(uow=uow, clock=clock, cache=cache),
+        maps=maps,
+        planning=PlanningService(uow=uow, clock=clock, maps=maps),
         sessions=SessionService(
             uow=uow, clock=clock, cache=cache, listener=listener, max_queued=max_queued, check=check
         ),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from app.engine.types import GridMap
+from app.engine.types import Evidence, GridMap
 from app.services.base import DEFAULT_LIMIT, Service, check_limit
 from app.services.clock import Clock
 from app.services.errors import ConflictError, InvalidError, NoMapError
@@ -61,6 +61,11 @@ class MapService(Service):
     def grid(self, map_id: str) -> GridMap:
         """The map's arrays, read-only and memory-mapped."""
         return self._refs.grid(map_id)
+
+    def evidence(self, map_id: str) -> Evidence | None:
+        """What the map rests on; None for a map that was stored without it."""
+        with self._uow() as uow:
+            return uow.maps.evidence(map_id)
 
 
 def _check_surveys(uow: UnitOfWork, new: NewBuild) -> None:

@@ -100,7 +100,8 @@ class Worker:
             spec = processing.build_spec(job)
             build = map_build(spec.level_id, walk_ids=[new.walk.walk_id for new in spec.walks])
             features = spec.settings.features
-            build = replace(build, grid_map=grid_map(spec.level_id, features=features))
+            sd = (8.0,) * len(features.channels)
+            build = replace(build, grid_map=grid_map(spec.level_id, features=features), field_sd=sd)
             return processing.complete_build(job, BuildResult(build, cpu_s=0.1), 0.2)
         done = processing.complete_locate(job, answer_locate(processing.locate_spec(job), lambda *_: None))
         assert done is not None

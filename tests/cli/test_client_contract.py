@@ -117,6 +117,24 @@ def test_maps(service: Service, surveyed: Surveyed) -> None:
             client.map_field(info.id, "w")
 
 
+def test_planning(service: Service, surveyed: Surveyed) -> None:
+    with service.client() as client:
+        found = client.map_quality(surveyed.map_id)
+        assert found.coverage.by_plan
+        raster = client.quality_raster(surveyed.map_id)
+        assert np.nanmedian(raster.values) == pytest.approx(found.mean_error.p50_m, rel=1e-3)
+        assert client.quality_image(surveyed.map_id, "along", heading_deg=90).startswith(b"\x89PNG")
+        plan = client.survey_suggestions(surveyed.map_id, count=2)
+        first = plan.suggestions[0]
+        assert len(plan.suggestions) == 2
+        forecast = client.forecast_route(surveyed.map_id, [first.start, first.end], known_m=2.0)
+        assert forecast.length_m == pytest.approx(first.length_m, abs=0.02)
+        with pytest.raises(isodyn.NoAnchorError):
+            client.suggestions_geojson(surveyed.map_id)
+        with pytest.raises(isodyn.InvalidRequestError):
+            client.quality_raster(surveyed.map_id, "error", heading_deg=10)
+
+
 def test_a_session_from_first_to_last(service: Service, surveyed: Surveyed, walk: RecordedWalk) -> None:
     samples = samples_of(walk.samples)
     with service.client() as client:

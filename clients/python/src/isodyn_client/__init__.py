@@ -88,6 +88,7 @@ from isodyn_client.models import (
     Walk,
     WalkReport,
 )
+from isodyn_client.planning import MapQuality, RouteForecast, Stretch, Suggestion, Suggestions
 from isodyn_client.results import FixComparison, LocateResult, PositionPage, Replay, SegmentInfo, SegmentResult
 from isodyn_client.retry import RetryPolicy
 from isodyn_client.samples import Samples, Waypoints
@@ -132,6 +133,7 @@ __all__ = [
     "LocateResult",
     "MapDiff",
     "MapInfo",
+    "MapQuality",
     "MapSource",
     "Method",
     "MethodParameter",
@@ -151,6 +153,7 @@ __all__ = [
     "Replay",
     "RequestTimeoutError",
     "RetryPolicy",
+    "RouteForecast",
     "Samples",
     "Scope",
     "SegmentInfo",
@@ -168,6 +171,9 @@ __all__ = [
     "Status",
     "StepCounts",
     "StillWaitingError",
+    "Stretch",
+    "Suggestion",
+    "Suggestions",
     "Survey",
     "TooLargeError",
     "UnauthorizedError",

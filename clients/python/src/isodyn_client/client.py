@@ -222,6 +222,12 @@ class Client:
     map_field = _call(endpoints.map_field)
     map_image = _call(endpoints.map_image)
     map_coverage = _call(endpoints.map_coverage)
+    map_quality = _call(endpoints.map_quality)
+    quality_raster = _call(endpoints.quality_raster)
+    quality_image = _call(endpoints.quality_image)
+    survey_suggestions = _call(endpoints.survey_suggestions)
+    suggestions_geojson = _call(endpoints.suggestions_geojson)
+    forecast_route = _call(endpoints.forecast_route)
 
     contributions = _list(endpoints.contributions)
     contribution = _call(endpoints.contribution)

@@ -54,6 +54,7 @@ from isodyn_client.models import (
     VenueKind,
     Walk,
 )
+from isodyn_client.planning import MapQuality, RouteForecast, Suggestions
 from isodyn_client.results import LocateResult, PositionPage, Replay, SegmentInfo, SegmentResult, Trajectory
 from isodyn_client.samples import Samples, Waypoints
 
@@ -385,6 +386,50 @@ def map_image(map_id: str, channel: str, *, statistic: str = "mean") -> Call[byt
 def map_coverage(map_id: str) -> Call[Coverage]:
     """Where a map holds, as a mask with its share and area."""
     return Call("GET", f"/v1/maps/{map_id}/coverage", _as_coverage)
+
+
+def map_quality(map_id: str) -> Call[MapQuality]:
+    """How good a map is: coverage of the walkable space, expected accuracy, where walks disagree."""
+    return _get(f"/v1/maps/{map_id}/quality", MapQuality)
+
+
+def quality_raster(map_id: str, layer: str = "mean_error", *, heading_deg: int | None = None) -> Call[FieldRaster]:
+    """One layer of a map's quality as a numpy array, NaN where there is nothing to say.
+
+    Layers are ``mean_error``, ``worst_error``, ``error``, ``along``, ``across`` (metres; the last three of one heading:
+    0, 45, ... 315), ``coverage``, ``conflict`` and ``sources``.
+    """
+    params = present({"layer": layer, "heading_deg": heading_deg, "format": "f32"})
+    return Call("GET", f"/v1/maps/{map_id}/quality/raster", _as_raster, params=params)
+
+
+def quality_image(map_id: str, layer: str = "mean_error", *, heading_deg: int | None = None) -> Call[bytes]:
+    """One layer of a map's quality as a PNG, north up, transparent where there is nothing to say."""
+    params = present({"layer": layer, "heading_deg": heading_deg, "format": "png"})
+    return Call("GET", f"/v1/maps/{map_id}/quality/raster", as_bytes, params=params)
+
+
+def survey_suggestions(map_id: str, *, count: int = 10) -> Call[Suggestions]:
+    """Lines whose survey would teach the map most per metre, best first."""
+    return Call("GET", f"/v1/maps/{map_id}/suggestions", as_model(Suggestions), params={"count": count})
+
+
+def suggestions_geojson(map_id: str, *, count: int = 10) -> Call[bytes]:
+    """The same as GeoJSON in WGS 84; the venue needs an anchor."""
+    headers = {"Accept": "application/geo+json"}
+    return Call("GET", f"/v1/maps/{map_id}/suggestions", as_bytes, params={"count": count}, headers=headers)
+
+
+def forecast_route(
+    map_id: str, route: Sequence[tuple[float, float]], *, known_m: float | None = None
+) -> Call[RouteForecast]:
+    """Expected accuracy along a route (corners in level metres), and where the position will be lost or doubtful.
+
+    ``known_m`` is the standard deviation of the position at its start, per axis (3 m unless given).
+    """
+    columns = {"x": [float(x) for x, _ in route], "y": [float(y) for _, y in route]}
+    fields = present({"route": columns, "known_m": known_m})
+    return Call("POST", f"/v1/maps/{map_id}/forecast", as_model(RouteForecast), body=json_body(fields))
 
 
 def _as_coverage(response: httpx.Response) -> Coverage:
