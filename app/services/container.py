@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from app.services.accounts import AccountService
 from app.services.clock import Clock
 from app.services.devices import DeviceService
+from app.services.exchange import ExchangeService
 from app.services.idempotency import IdempotencyService
 from app.services.jobs import JobService
 from app.services.locate import LocateService
@@ -40,6 +41,7 @@ class Services:
     accounts: AccountService
     idempotency: IdempotencyService
     stats: StatsService
+    exchange: ExchangeService
 
 
 def build_services(
@@ -74,4 +76,5 @@ def build_services(
         accounts=AccountService(uow=uow, clock=clock),
         idempotency=IdempotencyService(uow=uow, clock=clock),
         stats=StatsService(uow=uow, clock=clock),
+        exchange=ExchangeService(uow=uow, clock=clock, cache=cache),
     )

@@ -136,6 +136,10 @@ class SurveyRepository(Protocol):
         """The device of each of the level's walks that name one, by walk id."""
         ...
 
+    def load_walk(self, walk_id: str) -> SurveyWalk:
+        """Samples of one walk."""
+        ...
+
     def load_walks(self, level_id: str, survey_ids: Sequence[str]) -> Sequence[SurveyWalk]:
         """Samples of all walks of the level (of these surveys only, when any are named), oldest first."""
         ...

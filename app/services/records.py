@@ -182,6 +182,23 @@ class Walk:
 
 
 @dataclass(frozen=True, slots=True)
+class MapOrigin:
+    """Where a map came from that was not built here.
+
+    ``source`` is ``import``; ``file_hash`` (sha256 hex) and ``format`` are the file's, the texts its sender's or its
+    own; ``assumed`` says in words what the file did not tell.
+    """
+
+    source: str
+    format: str
+    file_hash: str
+    title: str = ""
+    licence: str = ""
+    attribution: str = ""
+    assumed: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
 class MapInfo:
     """A finished map version, without its tiles. ``hash`` is the content hash (strong ETag)."""
 
@@ -214,6 +231,8 @@ class MapInfo:
     radio_cell_m: float | None = None
     n_routes: int | None = None
     """Survey lines kept with the map; None for maps built before they were."""
+    origin: MapOrigin | None = None
+    """Where an imported map came from; None for maps built from surveys."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -246,6 +246,7 @@ maps = Table(
     Column("radio_hash", HASH, ForeignKey("radio_layers.hash"), nullable=True),
     Column("n_routes", Integer, nullable=True),
     Column("routes_hash", HASH, ForeignKey("route_layers.hash"), nullable=True),
+    Column("origin", JSON, nullable=True),
     _time("created_at"),
     UniqueConstraint("level_id", "version"),
 )

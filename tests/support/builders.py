@@ -263,15 +263,14 @@ def map_build(
         for walk_id, scale in (strides or {}).items()
     )
     built = grid_map(level_id, seed=seed, plan=plan, radio=radio)
-    evidence = Evidence.joined(
-        [
-            Evidence.of(
-                built.features, EvidenceSource(report.walk_id, SourceKind.SURVEY), np.full((3, 2), i), np.ones((3, 2))
-            )
-            for i, report in enumerate(reports)
-            if report.rejected is None
-        ]
-    )
+    parts = [
+        Evidence.of(
+            built.features, EvidenceSource(report.walk_id, SourceKind.SURVEY), np.full((3, 2), i), np.ones((3, 2))
+        )
+        for i, report in enumerate(reports)
+        if report.rejected is None
+    ]
+    evidence = Evidence.joined(parts) if parts else Evidence.empty(built.features)
     model = {"level": {"mean": [20.0, 40.0], "sd": [5.0, 6.0]}, "covariance": {"length_m": 5.0}}
     return MapBuild(built, reports, 12_345, 2.5, (8.0, 7.5), evidence, model)
 

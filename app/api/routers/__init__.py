@@ -2,6 +2,7 @@
 
 from app.api.routers import (
     devices,
+    exchange,
     health,
     jobs,
     keys,
@@ -25,6 +26,7 @@ ROUTERS = (
     devices.router,
     surveys.router,
     maps.router,
+    exchange.router,
     sessions.router,
     segments.router,
     positions.router,

@@ -49,6 +49,7 @@ _MAP = {
     "n_transmitters": 214,
     "radio_cell_m": 2.0,
     "n_routes": 12,
+    "origin": None,
     "created_at": "2026-11-22T09:30:00.000Z",
 }
 COVERAGE_EXAMPLE: dict[str, Any] = {
@@ -87,6 +88,31 @@ class MapIn(In):
             "for calibrated devices along lines that hardly cross: there what differs between walks is the field.",
         ),
     ] = _DEFAULTS.align
+
+
+class MapOriginOut(Out):
+    """Where a map came from that was not built here."""
+
+    source: Annotated[str, Field(description="`import`.")]
+    format: Annotated[str, Field(description="Of the file.")]
+    file_hash: Annotated[str, Field(description="SHA-256 of the file.")]
+    title: str
+    licence: str
+    attribution: str
+    assumed: Annotated[list[str], Field(description="What the file did not tell and was taken instead.")]
+
+    @classmethod
+    def of(cls, origin: records.MapOrigin) -> Self:
+        """Show where a map came from."""
+        return cls(
+            source=origin.source,
+            format=origin.format,
+            file_hash=origin.file_hash,
+            title=origin.title,
+            licence=origin.licence,
+            attribution=origin.attribution,
+            assumed=list(origin.assumed),
+        )
 
 
 class WalkReportOut(Out):
@@ -149,6 +175,9 @@ class MapOut(Out):
     n_routes: Annotated[
         int | None, Field(description="Survey lines kept with the map; sequence methods compare with them.")
     ]
+    origin: Annotated[
+        MapOriginOut | None, Field(description="Of an imported map; null for maps built from surveys.")
+    ] = None
     created_at: Time
 
     @classmethod
@@ -159,6 +188,7 @@ class MapOut(Out):
             "noise_sd": list(info.noise_sd),
             "field_sd": list(info.field_sd),
             "walks": [WalkReportOut.of(report) for report in info.walks],
+            "origin": None if info.origin is None else MapOriginOut.of(info.origin),
         }
         return cls(**{**plain, **lists})
 

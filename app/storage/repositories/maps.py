@@ -6,10 +6,10 @@ from collections.abc import Set as AbstractSet
 from dataclasses import asdict
 from typing import Any
 
-from sqlalchemy import Row, Table, func, insert, select
+from sqlalchemy import Row, Table, func, insert, null, select
 
 from app.engine.types import FeatureSet, GridMap, MapBuildSettings, WalkReport
-from app.services.records import MapInfo, NewBuild, PackedLayer, PackedMap, PackedTile, Page
+from app.services.records import MapInfo, MapOrigin, NewBuild, PackedLayer, PackedMap, PackedTile, Page
 from app.storage.models import map_builds, map_tiles, maps, radio_layers, route_layers, tiles
 from app.storage.repositories.base import Repository
 from app.storage.tiles import header_from, pack_map, unpack_map
@@ -139,6 +139,7 @@ def _columns(info: MapInfo) -> dict[str, Any]:
         "noise_sd": list(info.noise_sd),
         "field_sd": list(info.field_sd),
         "walks": [asdict(walk) for walk in info.walks],
+        "origin": null() if info.origin is None else asdict(info.origin),
     }
 
 
@@ -150,4 +151,9 @@ def _info(row: Row[Any]) -> MapInfo:
         noise_sd=tuple(values["noise_sd"]),
         field_sd=tuple(values["field_sd"]),
         walks=tuple(WalkReport(**{**walk, "offset": tuple(walk["offset"])}) for walk in values["walks"]),
+        origin=_origin(values["origin"]),
     )
+
+
+def _origin(stored: dict[str, Any] | None) -> MapOrigin | None:
+    return None if stored is None else MapOrigin(**{**stored, "assumed": tuple(stored["assumed"])})

@@ -203,6 +203,9 @@ class AsyncClient:
     map_field = _call(endpoints.map_field)
     map_image = _call(endpoints.map_image)
     map_coverage = _call(endpoints.map_coverage)
+    export_map = _call(endpoints.export_map)
+    import_map = _call(endpoints.import_map)
+    export_survey = _call(endpoints.export_survey)
 
     create_session = _call(endpoints.create_session)
     session_info = _call(endpoints.session_info)

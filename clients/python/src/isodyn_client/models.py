@@ -200,8 +200,23 @@ class WalkReport(Model):
     stride_scale: float | None = None
 
 
+class MapOrigin(Model):
+    """Where an imported map came from; ``assumed`` says what its file did not tell."""
+
+    source: str
+    format: str
+    file_hash: str
+    title: str = ""
+    licence: str = ""
+    attribution: str = ""
+    assumed: tuple[str, ...] = ()
+
+
 class MapInfo(Model):
-    """A finished map version, without its cells; without a radio layer ``n_transmitters`` is None."""
+    """A finished map version, without its cells; without a radio layer ``n_transmitters`` is None.
+
+    ``origin`` is None for maps that were built from surveys.
+    """
 
     id: str
     level_id: str
@@ -227,6 +242,7 @@ class MapInfo(Model):
     n_transmitters: int | None = None
     radio_cell_m: float | None = None
     n_routes: int | None = None
+    origin: MapOrigin | None = None
     created_at: datetime
 
 

@@ -1,0 +1,1 @@
+"""Surveys as files: the project's own archives, and recordings of others."""
