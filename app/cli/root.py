@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from app.cli import bench, database, demo, evaluate, keys, locate, maps, replay, serve, surveys
+from app.cli import bench, database, demo, evaluate, exchange, keys, locate, maps, replay, serve, surveys
 from app.cli.common import NAMED
 
 app = typer.Typer(
@@ -21,6 +21,9 @@ app = typer.Typer(
 )
 app.command("serve")(serve.serve)
 app.command("demo")(demo.demo)
+surveys.app.command("export")(exchange.export_survey)
+surveys.app.command("import")(exchange.import_survey)
+maps.app.command("import")(exchange.import_map)
 app.add_typer(surveys.app, name="survey")
 app.add_typer(maps.app, name="map")
 app.command("locate")(locate.locate)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Sequence
+from functools import cache
 
 import numpy as np
 
@@ -16,6 +17,12 @@ RNG = np.random.default_rng(11)
 CORNERS = np.array([[2.0, 3.0], [14.0, 3.0], [14.0, 11.0]])
 WALK: SurveyWalk = survey_of(walk_through(CORNERS, Field.random(RNG), RNG), "walk", every_s=4.0)
 SENSORS = ("mag", "acc", "gyro")
+
+
+@cache
+def plain_csv() -> bytes:
+    """The walk with plain names and units; made once."""
+    return csv_of()
 
 
 def csv_of(

@@ -88,7 +88,7 @@ def test_what_is_missing_is_named(field: str) -> None:
         read_walk(msgpack.packb(body), "walks/0001.msgpack")
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=80, deadline=None)
 @given(st.integers(0, len(BODY)), st.binary(max_size=20), st.integers(0, 20))
 def test_nothing_crashes_the_reader(at: int, junk: bytes, cut: int) -> None:
     with contextlib.suppress(InputError):

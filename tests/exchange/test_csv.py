@@ -17,7 +17,7 @@ from app.engine.geodesy import TangentPlane
 from app.engine.mapping.samples import place_samples
 from app.engine.types import SurveyWalk, Waypoints
 from app.exchange.surveys import CsvChoices, Findings, read_csv, recording
-from tests.exchange.recordings import SENSORS, WALK, csv_of
+from tests.exchange.recordings import SENSORS, WALK, csv_of, plain_csv
 
 PLANE = TangentPlane(48.15, 11.57, 30.0)
 
@@ -132,7 +132,7 @@ def test_clocks() -> None:
 
 
 def test_dates() -> None:
-    lines = csv_of().decode().splitlines()
+    lines = plain_csv().decode().splitlines()
     base = np.datetime64("2023-11-14T22:13:20", "us")
     rows = [f"{base + np.timedelta64(20_000 * i, 'us')}Z,{line.partition(',')[2]}" for i, line in enumerate(lines[1:])]
     (walk,), _ = read("\n".join([lines[0], *rows]).encode())
@@ -140,7 +140,7 @@ def test_dates() -> None:
 
 
 def test_several_walks_in_one_file() -> None:
-    lines = csv_of().decode().splitlines()
+    lines = plain_csv().decode().splitlines()
     again = csv_of(replace(WALK, samples=replace(WALK.samples, t=WALK.samples.t - 500.0))).decode().splitlines()
     points = csv_of(
         replace(
@@ -161,14 +161,14 @@ def test_several_walks_in_one_file() -> None:
 
 
 def test_a_gap_parts_walks_and_says_so() -> None:
-    lines = csv_of().decode().splitlines()
+    lines = plain_csv().decode().splitlines()
     walks, findings = read("\n".join(lines[:500] + lines[600:]).encode())
     assert [walk.walk_id for walk in walks] == ["walk 1", "walk 2"][: len(walks)]
     assert len(walks) + len(findings.skipped) == 2
 
 
 def test_floors() -> None:
-    lines = csv_of().decode().splitlines()
+    lines = plain_csv().decode().splitlines()
     rows = [f"floor,{lines[0]}"] + [f"{1 if i < 500 else 2}.0,{line}" for i, line in enumerate(lines[1:])]
     content = "\n".join(rows).encode()
     with pytest.raises(InputError, match="1, 2"):
@@ -183,7 +183,7 @@ def test_floors() -> None:
 
 
 def test_a_few_bad_lines_are_left_out_and_many_are_another_format() -> None:
-    lines = csv_of().decode().splitlines()
+    lines = plain_csv().decode().splitlines()
     lines[10] = lines[10][:30]
     lines[20] = lines[20].replace(lines[20].split(",")[5], "1.2.3")
     lines[30] = ",".join([*lines[30].split(",")[:4], "nan", *lines[30].split(",")[5:]])
@@ -206,7 +206,7 @@ def test_a_few_bad_lines_are_left_out_and_many_are_another_format() -> None:
         (b"", "empty"),
         (b"# only a comment\n", "empty"),
         (b"t,x,y\n1,2,3\n", "lacks mag_x"),
-        (csv_of().splitlines()[0], "no row"),
+        (plain_csv().splitlines()[0], "no row"),
         (b"\x00\xff" * 70_000, "longer than"),
         (csv_of(factors={"mag": 1e-9}), "magnetic field"),
         (csv_of(factors={"acc": 0.01}), "with gravity"),
@@ -221,15 +221,15 @@ def test_what_is_wrong_is_said(content: bytes, words: str) -> None:
 def test_unknown_choices_are_refused() -> None:
     for choices in ({"units": {"mag": "furlong"}}, {"units": {"depth": "m"}}, {"columns": {"depth": "t"}}):
         with pytest.raises(InputError, match="name one of"):
-            read(csv_of(), **choices)
+            read(plain_csv(), **choices)
     with pytest.raises(InputError, match="not in the header"):
-        read(csv_of(), columns={"mag_x": "nobody"})
+        read(plain_csv(), columns={"mag_x": "nobody"})
 
 
 def test_a_file_that_never_ends_is_not_read_to_its_end(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("app.exchange.surveys.csv_file.MAX_ROWS", 100)
     with pytest.raises(InputError, match="line 102"):
-        read(csv_of())
+        read(plain_csv())
 
 
 def test_positions_are_thinned() -> None:
@@ -250,7 +250,7 @@ JUNK = st.sampled_from(
 )
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=80, deadline=None)
 @given(st.lists(st.tuples(st.integers(0, len(TEXT)), st.integers(0, 30), JUNK | st.text(max_size=5)), max_size=6))
 def test_nothing_crashes_the_reader(changes: list[tuple[int, int, str]]) -> None:
     text = TEXT
@@ -263,7 +263,7 @@ def test_nothing_crashes_the_reader(changes: list[tuple[int, int, str]]) -> None
             assert np.isfinite(walk.waypoints.x).all()
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=60, deadline=None)
 @given(st.binary(max_size=400))
 def test_garbage_is_refused(content: bytes) -> None:
     with pytest.raises(InputError):

@@ -164,7 +164,7 @@ JUNK = st.sampled_from(
 )
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=80, deadline=None)
 @given(
     st.lists(st.tuples(st.integers(0, len(SHORT)), st.integers(0, 40), JUNK | st.text(max_size=5)), max_size=6),
     st.booleans(),
@@ -180,7 +180,7 @@ def test_nothing_crashes_the_reader(changes: list[tuple[int, int, str]], radio: 
             assert np.isfinite(walk.samples.mag).all()
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=60, deadline=None)
 @given(st.binary(max_size=400))
 def test_garbage_is_refused(content: bytes) -> None:
     with pytest.raises(InputError):
