@@ -67,7 +67,7 @@ def import_map(
     title: Annotated[str | None, typer.Option(help="Kept with the map.")] = None,
     licence: Annotated[str | None, typer.Option(help="Licence of the data; kept with the map.")] = None,
     attribution: Annotated[str | None, typer.Option(help="Whom to name; kept with the map.")] = None,
-    publish: Annotated[bool, typer.Option(help="Make it the level's current map; without, it is only stored.")] = True,
+    draft: Annotated[bool, typer.Option("--draft", help="Only store it; the level's current map stays.")] = False,
     url: Url = DEFAULT_URL,
     key: Key = None,
 ) -> None:
@@ -93,7 +93,7 @@ def import_map(
             title=title,
             licence=licence,
             attribution=attribution,
-            publish=publish,
+            publish=not draft,
         )
     for words in info.origin.assumed if info.origin else ():
         typer.echo(words, err=True)

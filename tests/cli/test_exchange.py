@@ -30,16 +30,18 @@ def test_a_map_goes_out_and_comes_in(
     service: Service, surveyed: Surveyed, tmp_path: Path, kind: str, name: str
 ) -> None:
     file = tmp_path / name
+    with service.client() as client:
+        current = client.level(surveyed.level_id).current_map_id
     said = service.isodyn("map", "export", surveyed.map_id, "--format", kind, "-o", file, "--licence", "CC0").stdout
     assert str(file.stat().st_size) in said
-    made = service.isodyn("map", "import", surveyed.level_id, file, "--no-publish").stdout.strip()
+    made = service.isodyn("map", "import", surveyed.level_id, file, "--draft").stdout.strip()
     with service.client() as client:
+        assert client.level(surveyed.level_id).current_map_id == current
         info = client.map_info(made)
         assert info.origin is not None
         assert (info.origin.format, info.origin.licence, info.origin.assumed) == (kind, "CC0", ())
         old, new = (client.map_field(one, "z", statistic="sd").values for one in (surveyed.map_id, made))
         assert np.array_equal(old, new, equal_nan=True)
-        assert client.level(surveyed.level_id).current_map_id == surveyed.map_id
 
 
 def test_what_is_assumed_of_a_map_is_said(service: Service, level_id: str, tmp_path: Path) -> None:
