@@ -31,6 +31,7 @@ TAGS = [
     {"name": "devices", "description": "Physical sensor carriers."},
     {"name": "surveys", "description": "Walks with known positions."},
     {"name": "maps", "description": "Immutable, versioned magnetic maps of levels."},
+    {"name": "exchange", "description": "Maps and surveys as files."},
     {"name": "sessions", "description": "Trips of devices."},
     {"name": "segments", "description": "Uploaded stretches of a session."},
     {"name": "positions", "description": "Fixes of a session."},

@@ -12,6 +12,7 @@ from app.cli import (
     database,
     demo,
     evaluate,
+    exchange,
     keys,
     locate,
     maps,
@@ -36,6 +37,9 @@ app = typer.Typer(
 )
 app.command("serve")(serve.serve)
 app.command("demo")(demo.demo)
+surveys.app.command("export")(exchange.export_survey)
+surveys.app.command("import")(exchange.import_survey)
+maps.app.command("import")(exchange.import_map)
 app.add_typer(surveys.app, name="survey")
 app.add_typer(maps.app, name="map")
 app.add_typer(contributions.app, name="contributions")

@@ -121,6 +121,22 @@ class TangentPlane:
         west = _turned(self.longitude_deg + min(turns))
         return GeoBox(south, west, north, west + max(turns) - min(turns))
 
+    def arrays_to_wgs84(self, x: Float64Array, y: Float64Array) -> tuple[Float64Array, Float64Array]:
+        """Longitude and latitude, degrees, of points of the plane; arrays of one shape. :meth:`to_wgs84` of each."""
+        bearing = math.radians(self.bearing_deg)
+        east = x * math.cos(bearing) + y * math.sin(bearing)
+        north = y * math.cos(bearing) - x * math.sin(bearing)
+        axes = self._axes()
+        origin = np.array(self._earth_centred(0.0, 0.0))
+        place = origin[:, None] + np.outer(axes[0], east) + np.outer(axes[1], north)
+        radius = np.hypot(place[0], place[1])
+        parametric = np.arctan2(place[2] * _A, radius * _B)
+        latitude = np.arctan2(
+            place[2] + _SECOND_E2 * _B * np.sin(parametric) ** 3, radius - _E2 * _A * np.cos(parametric) ** 3
+        )
+        longitude: Float64Array = np.degrees(np.arctan2(place[1], place[0])).reshape(x.shape)
+        return longitude, np.degrees(latitude).reshape(x.shape)
+
     def from_wgs84(self, latitude_deg: Float64Array, longitude_deg: Float64Array) -> tuple[Float64Array, Float64Array]:
         """Plan metres (x, y) of places, each of shape (n,); the inverse of :meth:`to_wgs84`.
 

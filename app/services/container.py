@@ -9,6 +9,7 @@ from app.services.clock import Clock
 from app.services.contributions import ContributionService
 from app.services.device_models import DeviceModelService
 from app.services.devices import DeviceService
+from app.services.exchange import ExchangeService
 from app.services.idempotency import IdempotencyService
 from app.services.jobs import JobService
 from app.services.locate import LocateService
@@ -52,6 +53,7 @@ class Services:
     accounts: AccountService
     idempotency: IdempotencyService
     stats: StatsService
+    exchange: ExchangeService
 
 
 def build_services(
@@ -94,4 +96,5 @@ def build_services(
         accounts=AccountService(uow=uow, clock=clock),
         idempotency=IdempotencyService(uow=uow, clock=clock),
         stats=StatsService(uow=uow, clock=clock),
+        exchange=ExchangeService(uow=uow, clock=clock, cache=cache),
     )

@@ -185,6 +185,10 @@ class SurveyRepository(Protocol):
         """The device of each of the level's walks that name one, by walk id."""
         ...
 
+    def load_walk(self, walk_id: str) -> SurveyWalk:
+        """Samples of one walk."""
+        ...
+
     def mark_offsets_remembered(self, walk_ids: Sequence[str], now: datetime) -> None:
         """Note that these walks' offsets are in their devices' memories."""
         ...

@@ -264,6 +264,23 @@ class Walk:
 
 
 @dataclass(frozen=True, slots=True)
+class MapOrigin:
+    """Where a map came from that was not built here.
+
+    ``source`` is ``import``; ``file_hash`` (sha256 hex) and ``format`` are the file's, the texts its sender's or its
+    own; ``assumed`` says in words what the file did not tell.
+    """
+
+    source: str
+    format: str
+    file_hash: str
+    title: str = ""
+    licence: str = ""
+    attribution: str = ""
+    assumed: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
 class MapInfo:
     """A finished map version, without its tiles. ``hash`` is the content hash (strong ETag)."""
 
@@ -302,6 +319,8 @@ class MapInfo:
     removed: tuple[str, ...] = ()
     model: Mapping[str, object] | None = None
     """What was fitted, plain values; None for maps built before it was kept: those cannot be updated."""
+    origin: MapOrigin | None = None
+    """Where an imported map came from; None for maps built from surveys."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -282,6 +282,7 @@ maps = Table(
     Column("radio_hash", HASH, ForeignKey("radio_layers.hash"), nullable=True),
     Column("n_routes", Integer, nullable=True),
     Column("routes_hash", HASH, ForeignKey("route_layers.hash"), nullable=True),
+    Column("origin", JSON, nullable=True),
     _time("created_at"),
     Column("kind", String(16), nullable=False, server_default="build"),
     Column("model", JSON, nullable=True),

@@ -24,6 +24,7 @@ from app.storage.repositories.base import Repository, expect_one, page
 _MARK_CHUNK = 500  # parameters of one IN list; SQLite takes at least 999
 _N_WALKS = select(func.count()).where(walks.c.survey_id == surveys.c.id).scalar_subquery()
 _SELECT = select(surveys, _N_WALKS.label("n_walks"))
+_RECORDED = tuple(walk_samples.c[name] for name in ("samples", "waypoints", "wifi", "ble"))
 
 
 class SqlSurveyRepository(Repository):
@@ -128,22 +129,27 @@ class SqlSurveyRepository(Repository):
         self, level_id: str, survey_ids: Sequence[str], *, only: Sequence[str] | None = None
     ) -> Sequence[SurveyWalk]:
         """Samples of the level's walks (of these surveys, or only these walks, when any are named), oldest first."""
-        columns = (walk_samples.c[name] for name in ("samples", "waypoints", "wifi", "ble"))
-        statement = _of_level(select(walks.c.id, *columns), level_id, survey_ids).join(
+        statement = _of_level(select(walks.c.id, *_RECORDED), level_id, survey_ids).join(
             walk_samples, walk_samples.c.walk_id == walks.c.id
         )
         if only is not None:
             statement = statement.where(walks.c.id.in_(only))
-        return [
-            SurveyWalk(
-                walk_id=row.id,
-                samples=decode_samples(row.samples),
-                waypoints=decode_waypoints(row.waypoints),
-                wifi=None if row.wifi is None else decode_scans(row.wifi),
-                ble=None if row.ble is None else decode_scans(row.ble),
-            )
-            for row in self._read(statement.order_by(walks.c.id))
-        ]
+        return [_recorded(row) for row in self._read(statement.order_by(walks.c.id))]
+
+    def load_walk(self, walk_id: str) -> SurveyWalk:
+        """Samples of one walk."""
+        statement = select(walk_samples.c.walk_id.label("id"), *_RECORDED).where(walk_samples.c.walk_id == walk_id)
+        return _recorded(self._one("walk", walk_id, statement))
+
+
+def _recorded(row: Row[Any]) -> SurveyWalk:
+    return SurveyWalk(
+        walk_id=row.id,
+        samples=decode_samples(row.samples),
+        waypoints=decode_waypoints(row.waypoints),
+        wifi=None if row.wifi is None else decode_scans(row.wifi),
+        ble=None if row.ble is None else decode_scans(row.ble),
+    )
 
 
 def _of_level(statement: Select[Any], level_id: str, survey_ids: Sequence[str]) -> Select[Any]:

@@ -22,6 +22,7 @@ from isodyn_client import (
     FixKind,
     GnssFixes,
     InvalidRequestError,
+    IsodynError,
     JobFailedError,
     JobState,
     PressureReadings,
@@ -442,6 +443,49 @@ def test_a_field_of_the_wrong_size_is_not_an_array(service: FakeService, client:
     service.will(httpx.Response(200, content=b"123", headers={**headers, "X-Isodyn-Cell-M": "0.5"}))
     with pytest.raises(UnexpectedAnswerError):
         client.map_field("map_1", "z")
+
+
+def test_a_map_as_a_file(service: FakeService, client: Client) -> None:
+    service.will(httpx.Response(200, content=b"CDF..."))
+    assert client.export_map("map_1", format="netcdf", licence="CC0") == b"CDF..."
+    request = service.requests[0]
+    assert (request.method, request.url.path) == ("GET", "/v1/maps/map_1/export")
+    assert dict(request.url.params) == {"format": "netcdf", "licence": "CC0"}
+
+
+def test_a_file_as_a_map(service: FakeService) -> None:
+    async def run() -> str:
+        async with service.async_client() as client:
+            made = await client.import_map(
+                "lvl_1", b"grid" * 100, format="esri-ascii", channel="total", sd=1.5, publish=False
+            )
+            assert made.origin is not None
+            return made.origin.assumed[0]
+
+    origin = {"source": "import", "format": "esri-ascii", "file_hash": "0f", "assumed": ["no unit"]}
+    service.will(ok(MAP | {"origin": origin}, 201))
+    assert asyncio.run(run()) == "no unit"
+    request = service.requests[0]
+    assert request.url.path == "/v1/levels/lvl_1/maps/import"
+    sent = {"format": "esri-ascii", "channel": "total", "sd": "1.5", "publish": "false"}
+    assert dict(request.url.params) == sent
+    assert request.headers["Content-Encoding"] == "gzip"
+    assert gzip.decompress(service.bodies[0]) == b"grid" * 100
+
+
+def test_an_import_is_not_sent_twice(service: FakeService, client: Client) -> None:
+    service.will(httpx.ReadError("gone"))
+    with pytest.raises(IsodynError):
+        client.import_map("lvl_1", b"grid", format="xyz")
+    assert len(service.requests) == 1
+
+
+def test_a_survey_as_a_file(service: FakeService, client: Client) -> None:
+    service.will(httpx.Response(200, content=b"PK"), httpx.Response(200, content=b"PK"))
+    assert client.export_survey("srv_1") == b"PK"
+    assert not service.requests[0].url.params
+    client.export_survey("srv_1", radio=True)
+    assert dict(service.requests[1].url.params) == {"radio": "true"}
 
 
 def test_coverage_is_a_mask(service: FakeService, client: Client) -> None:

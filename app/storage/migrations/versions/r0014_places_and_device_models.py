@@ -1,7 +1,7 @@
 """Where venues and levels are, the words of their names, models of devices, and the epoch of survey walks.
 
 Revision ID: r0014
-Revises: r0012
+Revises: r0013
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from app.storage.places import box_columns
 from app.storage.repositories.venues import level_box, venue_box
 
 revision = "r0014"
-down_revision = "r0012"
+down_revision = "r0013"
 branch_labels = None
 depends_on = None
 

@@ -229,6 +229,9 @@ class AsyncClient:
     restore_contribution = _call(endpoints.restore_contribution)
     delete_contribution = _call(endpoints.delete_contribution)
     field_changes = _list(endpoints.field_changes)
+    export_map = _call(endpoints.export_map)
+    import_map = _call(endpoints.import_map)
+    export_survey = _call(endpoints.export_survey)
 
     create_session = _call(endpoints.create_session)
     session_info = _call(endpoints.session_info)

@@ -432,6 +432,58 @@ def forecast_route(
     return Call("POST", f"/v1/maps/{map_id}/forecast", as_model(RouteForecast), body=json_body(fields))
 
 
+def export_map(map_id: str, *, format: str = "netcdf", licence: str | None = None) -> Call[bytes]:  # noqa: A002
+    """A map as a file: ``netcdf`` (CF), ``geotiff`` or ``esri-ascii`` (zip files of one layer each), or ``xyz``.
+
+    ``licence`` is what the file shall name. Files hold no radio addresses and nothing about devices.
+    """
+    params = present({"format": format, "licence": licence})
+    return Call("GET", f"/v1/maps/{map_id}/export", as_bytes, params=params, wait_s=120.0)
+
+
+def import_map(
+    level_id: str,
+    content: bytes,
+    *,
+    format: str,  # noqa: A002
+    channel: str | None = None,
+    unit: str | None = None,
+    sd: float | None = None,
+    title: str | None = None,
+    licence: str | None = None,
+    attribution: str | None = None,
+    publish: bool = True,
+) -> Call[MapInfo]:
+    """Store the map of a file (see ``export_map`` for the formats) as the level's next version.
+
+    ``channel`` names the only layer of a file (``x y z h v total``), ``unit`` is ``uT`` or ``nT``, ``sd`` (uT) the
+    standard deviation where the file has none. With ``publish=False`` the level's current map stays.
+
+    Not repeatable: each request stores another version.
+    """
+    params = present(
+        {
+            "format": format,
+            "channel": channel,
+            "unit": unit,
+            "sd": sd,
+            "title": title,
+            "licence": licence,
+            "attribution": attribution,
+            "publish": None if publish else "false",
+        }
+    )
+    body = raw_body(content, "application/octet-stream", gzip=True)
+    path = f"/v1/levels/{level_id}/maps/import"
+    return Call("POST", path, as_model(MapInfo), params=params, body=body, repeatable=False, wait_s=120.0)
+
+
+def export_survey(survey_id: str, *, radio: bool = False) -> Call[bytes]:
+    """All walks of a survey as a zip file; with ``radio`` also their Wi-Fi and BLE readings (addresses)."""
+    params = present({"radio": "true" if radio else None})
+    return Call("GET", f"/v1/surveys/{survey_id}/export", as_bytes, params=params, wait_s=120.0)
+
+
 def _as_coverage(response: httpx.Response) -> Coverage:
     runs = as_model(CoverageRuns)(response)
     try:

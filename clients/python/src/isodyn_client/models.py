@@ -238,11 +238,24 @@ class WalkReport(Model):
     stride_scale: float | None = None
 
 
+class MapOrigin(Model):
+    """Where an imported map came from; ``assumed`` says what its file did not tell."""
+
+    source: str
+    format: str
+    file_hash: str
+    title: str = ""
+    licence: str = ""
+    attribution: str = ""
+    assumed: tuple[str, ...] = ()
+
+
 class MapInfo(Model):
     """A finished map version, without its cells; without a radio layer ``n_transmitters`` is None.
 
     ``kind`` is "build" (from all walks at once) or "update": then ``added`` and ``removed`` are what its parent lacked
     and had too much, and ``walks`` reports on those added.
+    ``origin`` is None for maps that were built from surveys.
     """
 
     id: str
@@ -272,6 +285,7 @@ class MapInfo(Model):
     kind: str = "build"
     added: tuple[str, ...] = ()
     removed: tuple[str, ...] = ()
+    origin: MapOrigin | None = None
     created_at: datetime
 
 
