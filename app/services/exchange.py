@@ -26,7 +26,9 @@ from app.services.errors import InvalidError, NotFoundError
 from app.services.ids import new_id
 from app.services.map_refs import MapRefs
 from app.services.ports import MapCache, UnitOfWorkFactory
-from app.services.records import Level, MapInfo, MapOrigin, Survey, Venue
+from app.services.publishing import IMPORTED
+from app.services.publishing import publish as publish_version
+from app.services.records import Level, MapInfo, MapKind, MapOrigin, Survey, Venue
 
 IMPORT = "import"
 _MAX_TEXT = 500
@@ -97,6 +99,7 @@ class ExchangeService(Service):
         choices: ImportChoices = NO_CHOICES,
         texts: FileTexts = NO_TEXTS,
         publish: bool = True,
+        key_id: str | None = None,
     ) -> MapInfo:
         """Store the map of a file as the level's next version, and make it the current one (``publish``).
 
@@ -123,7 +126,7 @@ class ExchangeService(Service):
             )  # fmt: skip
             uow.maps.add(info, packed)
             if publish:
-                uow.levels.set_current_map(level_id, info.id, now)
+                publish_version(uow, info, now, key_id=key_id, note=IMPORTED)
         self._cache.ref(info, lambda: grid)
         return info
 
@@ -270,4 +273,5 @@ def _map_info(
         created_at=now,
         has_obstacle=grid.obstacle is not None,
         origin=origin,
+        kind=MapKind.IMPORT,
     )

@@ -58,10 +58,11 @@ class JobKind(StrEnum):
 
 
 class MapKind(StrEnum):
-    """How a map version came about: from all its walks at once, or from its parent and what was new."""
+    """How a map version came about: from all its walks at once, from its parent and what was new, or from a file."""
 
     BUILD = "build"
     UPDATE = "update"
+    IMPORT = "import"
 
 
 class ContributionState(StrEnum):

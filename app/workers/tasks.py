@@ -19,6 +19,7 @@ from app.engine.localization.registry import create_tracker
 from app.engine.localization.smoothing import smooth_session
 from app.engine.mapping import MapModel, build_map, update_map
 from app.engine.mapping.crowd.contribution import contribute
+from app.engine.mapping.crowd.reduce import reduce
 from app.engine.mapping.crowd.weigh import Weighed, weigh
 from app.engine.types import Evidence, EvidenceSource, Fix, GridMap, MapBuild, Progress, SourceKind
 from app.services.ports import Checkpoints
@@ -226,6 +227,7 @@ def _updated(spec: BuildSpec, base: UpdateBase, open_map: MapOpener, progress: P
         contributed=base.contributed,
         removed=base.removed,
         weigh=weighed,
+        reduce=reduce,
         align=bool(base.model.get("align", True)),
         progress=progress,
     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import fields
-from typing import Annotated, Any, Self
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field
 
@@ -85,7 +85,7 @@ class MapIn(In):
         Number, Field(ge=0.1, le=20, description="A node with a survey sample this near counts as mapped.")
     ] = _DEFAULTS.mapped_m
     mode: Annotated[
-        MapKind,
+        Literal[MapKind.BUILD, MapKind.UPDATE],
         Field(
             description="`build`: from all walks at once. `update`: add to the current map the walks that it lacks "
             "and take out those deleted since; only what they touch is computed anew, with the current map's settings."

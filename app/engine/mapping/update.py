@@ -41,6 +41,9 @@ _WALKED_DEPTH_M = 1.0
 Weigher = Callable[[Evidence], Evidence]
 """Gives every row its weight, from all rows near it."""
 
+Reducer = Callable[[Evidence], Evidence]
+"""Merges or drops rows where there are more than a map needs."""
+
 
 @dataclass(frozen=True, slots=True)
 class NewWalk:
@@ -87,6 +90,7 @@ def update_map(
     removed: Sequence[str] = (),
     align: bool = True,
     weigh: Weigher | None = None,
+    reduce: Reducer | None = None,
     progress: Progress | None = None,
 ) -> MapUpdate:
     """Add walks and contributions to a map, or take sources out of it.
@@ -107,6 +111,8 @@ def update_map(
         Ids of sources to take out.
     align : bool
         As in the build.
+    reduce : callable or None
+        Bounds the rows of a place before they are weighed.
     weigh : callable or None
         Weighs all rows again; rows whose weight changes count as changed.
 
@@ -122,6 +128,7 @@ def update_map(
     settled, reports = _settle(walks, current, align=align)
     rows = [_rows(new, one) for new, one in settled]
     joined = Evidence.joined([evidence.without(removed), *rows, *([contributed] if contributed is not None else [])])
+    joined = joined if reduce is None else reduce(joined)
     weighed = joined if weigh is None else _weighed_near(joined, weigh(joined), _changed_rows(evidence, joined), model)
     say(0.4, "kriging")
     changed_xy = _changed_rows(evidence, weighed)

@@ -123,7 +123,7 @@ class SqlMapRepository(Repository):
         while True:  # from the newest back, so that what was taken out and added again counts
             known |= set(version.added or ()) - gone
             gone |= set(version.removed or ()) - known
-            if version.kind == MapKind.BUILD or version.parent_id is None:
+            if version.kind != MapKind.UPDATE or version.parent_id is None:
                 return known
             version = versions[version.parent_id]
 
