@@ -2,7 +2,7 @@
 
 from app.engine.mapping.builder import build_map
 from app.engine.mapping.kriging import krige, krige_grid
-from app.engine.mapping.model import Covariance, FieldLevel, FieldSamples, MapModel
+from app.engine.mapping.model import Covariance, FieldLevel, FieldSamples, MapModel, field_samples
 from app.engine.mapping.plan import FloorPlan, Polygon
 from app.engine.mapping.update import MapUpdate, NewWalk, reach_m, update_map
 
@@ -16,6 +16,7 @@ __all__ = [
     "NewWalk",
     "Polygon",
     "build_map",
+    "field_samples",
     "krige",
     "krige_grid",
     "reach_m",
