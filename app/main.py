@@ -25,11 +25,11 @@ from app.telemetry import Metrics, configure_logging
 from app.workers.bootstrap import warm_up, worker_context
 from app.workers.broker import JobBroker
 from app.workers.events import JobEvents
-from app.workers.kinds import build_work, segment_work
+from app.workers.kinds import build_work, contribute_work, segment_work
 from app.workers.pools import InlineExecutor, ThreadExecutor
 from app.workers.processes import ProcessExecutor
 from app.workers.runner import JobRunner, Lane
-from app.workers.tasks import BuildMap, LocateSegment, ReplaySession, SmoothSession
+from app.workers.tasks import BuildMap, ContributeSession, LocateSegment, ReplaySession, SmoothSession
 
 Pool = InlineExecutor | ThreadExecutor | ProcessExecutor
 
@@ -162,8 +162,12 @@ class Application:
         segments = segment_work(processing, self.segment_pool, locate, capacity=capacity, metrics=metrics)
         build = BuildMap(open_map, FileCheckpoints(self.settings.checkpoint_dir))
         builds = build_work(processing, self.build_pool, build, capacity=1, metrics=metrics)
+        offers = contribute_work(
+            processing, self.build_pool, ContributeSession(open_map, self.settings.maps_per_worker), metrics=metrics
+        )
         return JobRunner(
             {
+                offers.kind: Lane(offers, processing=processing, listener=events, metrics=metrics),
                 segments.kind: Lane(segments, processing=processing, listener=events, metrics=metrics),
                 builds.kind: Lane(builds, processing=processing, listener=events, metrics=metrics),
             }

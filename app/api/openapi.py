@@ -31,6 +31,7 @@ TAGS = [
     {"name": "devices", "description": "Physical sensor carriers."},
     {"name": "surveys", "description": "Walks with known positions."},
     {"name": "maps", "description": "Immutable, versioned magnetic maps of levels."},
+    {"name": "exchange", "description": "Maps and surveys as files."},
     {"name": "sessions", "description": "Trips of devices."},
     {"name": "segments", "description": "Uploaded stretches of a session."},
     {"name": "positions", "description": "Fixes of a session."},
@@ -62,7 +63,7 @@ def document(app: FastAPI) -> dict[str, Any]:
         for operation in operations.values():
             _drop_fastapi_validation(operation["responses"])
     for name, method, access in _declared(app):
-        described["paths"][name][method]["x-isodyn-scope"] = access
+        described["paths"][name.replace(":path}", "}")][method]["x-isodyn-scope"] = access
     for unused in ("HTTPValidationError", "ValidationError"):
         schemas.pop(unused, None)
     return described

@@ -32,6 +32,15 @@ class Statistic(StrEnum):
     SUPPORT = "support"
 
 
+class MapFormat(StrEnum):
+    """Files that other programs read; docs/exchange.md says what is in them."""
+
+    NETCDF = "netcdf"
+    GEOTIFF = "geotiff"
+    ESRI_ASCII = "esri-ascii"
+    XYZ = "xyz"
+
+
 MapId = Annotated[str, typer.Argument(help="Id of the map (map_...).")]
 
 
@@ -178,8 +187,15 @@ def _radio(info: isodyn.MapInfo) -> str:
 def export(
     map_id: MapId,
     file: Annotated[
-        Path, typer.Argument(help="Where to write: .png (colours, north up) or .npy (float32, NaN unmapped).")
-    ],
+        Path | None,
+        typer.Argument(help="Where to write a picture or an array: .png (colours, north up) or .npy (NaN unmapped)."),
+    ] = None,
+    output: Annotated[Path | None, typer.Option("--output", "-o", help="Where to write, with --format.")] = None,
+    format: Annotated[  # noqa: A002
+        MapFormat | None,
+        typer.Option(help="The whole map for other programs: netCDF (CF), GeoTIFF or ESRI ASCII (zip files), or XYZ."),
+    ] = None,
+    licence: Annotated[str | None, typer.Option(help="With --format: the licence that the file shall name.")] = None,
     channel: Annotated[
         str, typer.Option(help="x, y, z (vector maps), h, v (hv maps), or total: the magnitude.")
     ] = "total",
@@ -189,18 +205,27 @@ def export(
     url: Url = DEFAULT_URL,
     key: Key = None,
 ) -> None:
-    """Write one channel of a map to a file.
+    """Write a map to a file: one channel as a picture or array, or all of it in a format that other programs read.
 
     In a .npy file row 0 is the southern edge: the node of row r and column c lies at (x0 + c*cell, y0 + r*cell) metres;
     x0, y0 and cell are printed.
 
     Example:  isodyn map export map_... field.png --channel z
     Example:  isodyn map export map_... sd.npy --channel z --statistic sd
+    Example:  isodyn map export map_... --format netcdf -o hall.nc --licence "CC BY 4.0"
     """
     from app.cli.errors import InputFileError
 
+    file = output or file
+    if file is None:
+        raise typer.BadParameter("name a FILE, or give --format and -o")
+    if format is not None:
+        with connect(url, key) as client:
+            file.write_bytes(client.export_map(map_id, format=format.value, licence=licence))
+        typer.echo(f"{file}: {format.value}, {file.stat().st_size} bytes")
+        return
     if file.suffix.lower() not in {".png", ".npy"}:
-        raise InputFileError(file, "name a .png or a .npy file")
+        raise InputFileError(file, "name a .png or a .npy file, or give --format")
     with connect(url, key) as client:
         if file.suffix.lower() == ".png":
             file.write_bytes(client.map_image(map_id, channel, statistic=statistic.value))

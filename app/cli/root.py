@@ -6,7 +6,23 @@ from typing import Annotated
 
 import typer
 
-from app.cli import bench, database, demo, evaluate, keys, locate, maps, replay, serve, sessions, surveys, versions
+from app.cli import (
+    bench,
+    contributions,
+    database,
+    demo,
+    evaluate,
+    exchange,
+    keys,
+    locate,
+    maps,
+    planning,
+    replay,
+    serve,
+    sessions,
+    surveys,
+    versions,
+)
 from app.cli.common import NAMED
 
 app = typer.Typer(
@@ -21,10 +37,17 @@ app = typer.Typer(
 )
 app.command("serve")(serve.serve)
 app.command("demo")(demo.demo)
+surveys.app.command("export")(exchange.export_survey)
+surveys.app.command("import")(exchange.import_survey)
+maps.app.command("import")(exchange.import_map)
 app.add_typer(surveys.app, name="survey")
 app.add_typer(maps.app, name="map")
+app.add_typer(contributions.app, name="contributions")
 for _command in (versions.publish, versions.rollback, versions.history, versions.sources, versions.diff):
     maps.app.command(_command.__name__)(_command)
+maps.app.command("quality")(planning.quality)
+maps.app.command("suggest")(planning.suggest)
+maps.app.command("forecast")(planning.forecast)
 app.command("locate")(locate.locate)
 app.command("replay")(replay.replay)
 app.add_typer(sessions.app, name="session")

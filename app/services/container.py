@@ -6,15 +6,20 @@ from dataclasses import dataclass
 
 from app.services.accounts import AccountService
 from app.services.clock import Clock
+from app.services.contributions import ContributionService
+from app.services.device_models import DeviceModelService
 from app.services.devices import DeviceService
+from app.services.exchange import ExchangeService
 from app.services.idempotency import IdempotencyService
 from app.services.jobs import JobService
 from app.services.locate import LocateService
 from app.services.maps import MapService
 from app.services.methods import MethodCheck, check_method
+from app.services.planning import PlanningService
 from app.services.ports import Executor, JobListener, MapCache, UnitOfWorkFactory
 from app.services.processing import ProcessingService
 from app.services.replays import ReplayService
+from app.services.search import SearchService
 from app.services.sessions import SessionService
 from app.services.stats import StatsService
 from app.services.surveys import SurveyService
@@ -31,10 +36,14 @@ class Services:
     """The use cases of one process."""
 
     venues: VenueService
+    search: SearchService
     devices: DeviceService
+    device_models: DeviceModelService
     surveys: SurveyService
     maps: MapService
+    contributions: ContributionService
     versions: VersionService
+    planning: PlanningService
     sessions: SessionService
     locate: LocateService
     trajectories: TrajectoryService
@@ -44,6 +53,7 @@ class Services:
     accounts: AccountService
     idempotency: IdempotencyService
     stats: StatsService
+    exchange: ExchangeService
 
 
 def build_services(
@@ -64,12 +74,17 @@ def build_services(
     ``locate_task`` is what workers run for a one-shot location, ``smooth_task`` for a smoothed trajectory,
     ``replay_task`` for a replay (``app.workers.tasks``): the use cases know that they exist, not where they live.
     """
+    maps = MapService(uow=uow, clock=clock, cache=cache, listener=listener)
     return Services(
         venues=VenueService(uow=uow, clock=clock),
+        search=SearchService(uow=uow, clock=clock),
         devices=DeviceService(uow=uow, clock=clock),
+        device_models=DeviceModelService(uow=uow, clock=clock),
         surveys=SurveyService(uow=uow, clock=clock),
-        maps=MapService(uow=uow, clock=clock, cache=cache, listener=listener),
+        contributions=ContributionService(uow=uow, clock=clock, listener=listener),
         versions=VersionService(uow=uow, clock=clock, cache=cache),
+        maps=maps,
+        planning=PlanningService(uow=uow, clock=clock, maps=maps),
         sessions=SessionService(
             uow=uow, clock=clock, cache=cache, listener=listener, max_queued=max_queued, check=check
         ),
@@ -81,4 +96,5 @@ def build_services(
         accounts=AccountService(uow=uow, clock=clock),
         idempotency=IdempotencyService(uow=uow, clock=clock),
         stats=StatsService(uow=uow, clock=clock),
+        exchange=ExchangeService(uow=uow, clock=clock, cache=cache),
     )

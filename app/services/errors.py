@@ -11,6 +11,7 @@
     │   └── UnfitSessionError       this cannot be done with the session (names the field and the remedy)
     │       ├── NotSmoothableError  it has no smoothed trajectory
     │       └── NotReplayableError  it cannot be replayed on other maps
+    │   ├── NoEvidenceError         the map was stored without what it rests on (says how to get it)
     ├── InvalidError          a field that cannot be accepted (names the field and the remedy)
     ├── NoMapError            the level, or no level of the venue, has a map yet (says how to get one)
     ├── ForbiddenError        the key lacks a scope
@@ -76,6 +77,17 @@ class NotSmoothableError(UnfitSessionError):
 
 class NotReplayableError(UnfitSessionError):
     """The session cannot be replayed."""
+
+
+class NoEvidenceError(ConflictError):
+    """The map was stored without the evidence that it rests on, and cannot say where its sources disagree."""
+
+    field = "map_id"
+    remedy = "build the level's map again with POST /v1/maps, and ask of the new version"
+
+    def __init__(self, map_id: str) -> None:
+        self.message = f"map {map_id} was stored without its evidence"
+        super().__init__(f"{self.message}; {self.remedy}")
 
 
 class InvalidError(ServiceError):

@@ -10,12 +10,13 @@ from collections.abc import Set as AbstractSet
 from concurrent.futures import Future
 from contextlib import AbstractContextManager
 from datetime import datetime
-from typing import Protocol, TypeVar
+from typing import TYPE_CHECKING, Protocol, TypeVar
 
 from app.engine.mapping.placing import PlacedWalks
 from app.engine.types import (
     DeviceCalibration,
     Evidence,
+    FeatureSet,
     Fix,
     FixKind,
     GridMap,
@@ -28,11 +29,18 @@ from app.services.aids import Recording
 from app.services.records import (
     Anchor,
     ApiKey,
+    Carrier,
+    Contribution,
+    ContributionState,
+    ContributionVerdict,
     Device,
     DeviceMemory,
+    DeviceModel,
+    Found,
     Job,
     JobKind,
     JobState,
+    LastingChange,
     Level,
     LevelMap,
     MapInfo,
@@ -53,6 +61,9 @@ from app.services.records import (
     Walk,
 )
 from app.services.tasks import MapRef
+
+if TYPE_CHECKING:
+    from app.services.search import Search
 
 Box = tuple[float, float, float, float]
 """``(x_min, y_min, x_max, y_max)`` in the level frame, m."""
@@ -92,6 +103,10 @@ class VenueRepository(Protocol):
     def add(self, venue: Venue) -> None: ...
     def get(self, venue_id: str) -> Venue: ...
     def list(self, *, cursor: str | None, limit: int) -> Page[Venue]: ...
+    def find(self, search: Search, *, cursor: str | None, limit: int) -> Page[Found[Venue]]:
+        """Venues of a search: nearest first where it names a place, else newest first."""
+        ...
+
     def update(self, venue_id: str, *, name: str, anchor: Anchor | None, now: datetime) -> Venue: ...
     def delete(self, venue_id: str) -> None: ...
 
@@ -102,6 +117,10 @@ class LevelRepository(Protocol):
     def add(self, level: Level) -> None: ...
     def get(self, level_id: str) -> Level: ...
     def list(self, *, venue_id: str | None, cursor: str | None, limit: int) -> Page[Level]: ...
+    def find(self, search: Search, *, venue_id: str | None, cursor: str | None, limit: int) -> Page[Found[Level]]:
+        """Levels of a search: nearest first where it names a place, else newest first."""
+        ...
+
     def set_plan_image(self, level_id: str, png: bytes, now: datetime) -> None: ...
     def plan_image(self, level_id: str) -> bytes | None: ...
     def set_vector_plan(self, level_id: str, geojson: bytes, now: datetime) -> None: ...
@@ -137,6 +156,19 @@ class DeviceRepository(Protocol):
         ...
 
 
+class DeviceModelRepository(Protocol):
+    """Models that devices name, and what is remembered of their devices."""
+
+    def list(self, *, cursor: str | None, limit: int) -> Page[DeviceModel]:
+        """Models by name, without estimates."""
+        ...
+
+    def get(self, name: str) -> DeviceModel: ...
+    def memories(self, name: str, *, limit: int, without: str | None = None) -> Sequence[DeviceCalibration]:
+        """One memory a device of the model, but of one: those used last, at most ``limit``."""
+        ...
+
+
 class SurveyRepository(Protocol):
     """Surveys and their walks."""
 
@@ -149,16 +181,24 @@ class SurveyRepository(Protocol):
     def list_walks(self, survey_id: str, *, cursor: str | None, limit: int) -> Page[Walk]: ...
     def delete_walk(self, walk_id: str) -> None: ...
     def count_walks(self, level_id: str, survey_ids: Sequence[str]) -> int: ...
+    def carriers(self, level_id: str) -> Mapping[str, Carrier]:
+        """The device of each of the level's walks that name one, by walk id."""
+        ...
+
+    def load_walk(self, walk_id: str) -> SurveyWalk:
+        """Samples of one walk."""
+        ...
+
+    def mark_offsets_remembered(self, walk_ids: Sequence[str], now: datetime) -> None:
+        """Note that these walks' offsets are in their devices' memories."""
+        ...
+
     def find_walks(self, walk_ids: Sequence[str]) -> Mapping[str, Walk]:
         """Those of these walks that are stored (still), by id."""
         ...
 
     def walk_ids(self, level_id: str, survey_ids: Sequence[str]) -> Sequence[str]:
         """Ids of the level's walks (of these surveys only, when any are named), oldest first."""
-        ...
-
-    def devices(self, level_id: str) -> Mapping[str, str]:
-        """The device of each of the level's walks that name one, by walk id."""
         ...
 
     def load_walks(
@@ -207,6 +247,44 @@ class MapRepository(Protocol):
         ...
 
     def load(self, map_id: str) -> GridMap: ...
+
+
+class ContributionRepository(Protocol):
+    """What sessions offered to maps, and changes of the field that many of them show."""
+
+    def add(self, contribution: Contribution, rows: Evidence) -> None: ...
+    def get(self, contribution_id: str) -> Contribution: ...
+    def list(
+        self,
+        *,
+        level_id: str | None,
+        session_id: str | None,
+        contributor: str | None,
+        state: ContributionState | None,
+        cursor: str | None,
+        limit: int,
+    ) -> Page[Contribution]: ...
+    def of_session(self, session_id: str) -> Sequence[Contribution]:
+        """What a session contributed, one a level."""
+        ...
+
+    def live(self, level_id: str) -> Sequence[str]:
+        """Ids of those that are to be among the evidence of the level's map, oldest first."""
+        ...
+
+    def load(self, features: FeatureSet, ids: Sequence[str]) -> Evidence: ...
+    def decide(self, verdicts: Sequence[ContributionVerdict], now: datetime) -> None:
+        """Note what the weighing found; what a person rejected stays so."""
+        ...
+
+    def set_state(self, contribution_id: str, state: ContributionState, now: datetime) -> Contribution: ...
+    def delete(self, contribution_id: str) -> None: ...
+    def track_record(self, *, other_than: str) -> Mapping[str, tuple[int, int]]:
+        """Places where contributors agreed with independent evidence and where not, on levels but this one."""
+        ...
+
+    def add_changes(self, changes: Sequence[LastingChange]) -> None: ...
+    def list_changes(self, *, level_id: str | None, cursor: str | None, limit: int) -> Page[LastingChange]: ...
 
 
 class PublicationRepository(Protocol):
@@ -294,7 +372,9 @@ class JobRepository(Protocol):
 
     def add(self, job: Job) -> None: ...
     def get(self, job_id: str) -> Job: ...
-    def list(self, *, kind: JobKind | None, state: JobState | None, cursor: str | None, limit: int) -> Page[Job]: ...
+    def list(
+        self, *, kinds: Sequence[JobKind], state: JobState | None, cursor: str | None, limit: int
+    ) -> Page[Job]: ...
     def claim(self, *, limit: int, now: datetime, kind: JobKind | None = None) -> Sequence[Job]:
         """Mark up to ``limit`` queued jobs (of one kind, if named) as running, oldest first, at most one per
         ``order_key`` and none whose key already has one running; ``attempts`` grows by one."""
@@ -326,6 +406,10 @@ class JobRepository(Protocol):
         ...
 
     def count(self, *states: JobState) -> int: ...
+    def is_queued(self, order_key: str, kind: JobKind) -> bool:
+        """Whether a job of this key and kind waits that nobody has begun."""
+        ...
+
     def is_pending(self, order_key: str) -> bool:
         """Whether a job of this key is queued or running."""
         ...
@@ -359,8 +443,10 @@ class UnitOfWork(Protocol):
     venues: VenueRepository
     levels: LevelRepository
     devices: DeviceRepository
+    device_models: DeviceModelRepository
     surveys: SurveyRepository
     maps: MapRepository
+    contributions: ContributionRepository
     publications: PublicationRepository
     sessions: SessionRepository
     jobs: JobRepository

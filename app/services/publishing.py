@@ -10,7 +10,8 @@ from app.services.records import MapInfo, Publication
 
 BUILT = "built"
 UPDATED = "updated"
-"""Notes of versions that their build or update published."""
+IMPORTED = "imported"
+"""Notes of versions that their build, update or import published."""
 
 
 def publish(uow: UnitOfWork, info: MapInfo, now: datetime, *, key_id: str | None = None, note: str = "") -> Publication:

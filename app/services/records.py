@@ -12,6 +12,7 @@ from datetime import datetime
 from enum import StrEnum
 from typing import Generic, TypeVar
 
+from app.engine.calibration import ModelEstimate
 from app.engine.geodesy import TangentPlane
 from app.engine.localization.comparison import FixComparison
 from app.engine.mapping.diff import DiffSummary
@@ -53,6 +54,7 @@ class JobKind(StrEnum):
 
     LOCATE_SEGMENT = "locate_segment"
     BUILD_MAP = "build_map"
+    CONTRIBUTE = "contribute"
 
 
 class MapKind(StrEnum):
@@ -60,6 +62,25 @@ class MapKind(StrEnum):
 
     BUILD = "build"
     UPDATE = "update"
+
+
+class ContributionState(StrEnum):
+    """What became of what a session offered to a map.
+
+    * ``offered``: not yet weighed;
+    * ``used``: some of its rows count in the map;
+    * ``waiting``: for a second, independent contributor;
+    * ``quarantined``: it contradicts others, or physics;
+    * ``rejected``: taken out by a person;
+    * ``empty``: nothing in it was sure enough.
+    """
+
+    OFFERED = "offered"
+    USED = "used"
+    WAITING = "waiting"
+    QUARANTINED = "quarantined"
+    REJECTED = "rejected"
+    EMPTY = "empty"
 
 
 class JobState(StrEnum):
@@ -86,6 +107,14 @@ class Page(Generic[T]):
 
     items: tuple[T, ...]
     next_cursor: str | None
+
+
+@dataclass(frozen=True, slots=True)
+class Found(Generic[T]):
+    """A thing that was looked for; ``distance_m`` to its bounding box, if a place was named (0: the place is in it)."""
+
+    item: T
+    distance_m: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -151,6 +180,45 @@ class DeviceMemory:
     updated_at: datetime
 
 
+class CalibrationSource(StrEnum):
+    """Where a session's start comes from: its device (and, for the rest, its model), its model, or nowhere."""
+
+    DEVICE = "device"
+    MODEL = "model"
+    NONE = "none"
+
+
+@dataclass(frozen=True, slots=True)
+class StartingCalibration:
+    """What a session of a device starts with in an epoch of its magnetometer; None: nothing is known."""
+
+    epoch: str
+    source: CalibrationSource
+    calibration: DeviceCalibration | None
+
+
+@dataclass(frozen=True, slots=True)
+class DeviceModel:
+    """A model that devices name.
+
+    ``estimate`` is what they have in common: None where it was not asked for, or where so few taught something that it
+    would tell of single ones.
+    """
+
+    name: str
+    n_devices: int
+    estimate: ModelEstimate | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Carrier:
+    """The device of a survey walk, in an epoch of its magnetometer; and whether it knows the walk's offset already."""
+
+    device_id: str
+    epoch: str
+    offset_remembered: bool
+
+
 @dataclass(frozen=True, slots=True)
 class Survey:
     """Walks with known positions on one level."""
@@ -173,6 +241,7 @@ class NewWalk:
     wifi: RadioScans | None = None
     device_id: str | None = None
     ble: RadioScans | None = None
+    calibration_epoch: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -190,6 +259,25 @@ class Walk:
     """Sum of the straight legs between waypoints."""
     content_hash: str
     created_at: datetime
+    calibration_epoch: str = ""
+    """Of the device's magnetometer, as sessions name it."""
+
+
+@dataclass(frozen=True, slots=True)
+class MapOrigin:
+    """Where a map came from that was not built here.
+
+    ``source`` is ``import``; ``file_hash`` (sha256 hex) and ``format`` are the file's, the texts its sender's or its
+    own; ``assumed`` says in words what the file did not tell.
+    """
+
+    source: str
+    format: str
+    file_hash: str
+    title: str = ""
+    licence: str = ""
+    attribution: str = ""
+    assumed: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -231,6 +319,8 @@ class MapInfo:
     removed: tuple[str, ...] = ()
     model: Mapping[str, object] | None = None
     """What was fitted, plain values; None for maps built before it was kept: those cannot be updated."""
+    origin: MapOrigin | None = None
+    """Where an imported map came from; None for maps built from surveys."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -350,6 +440,87 @@ class Session:
     """Changes when the device's platform recalibrates its magnetometer; the application's word."""
     method_reason: str | None = None
     """Why this method, if it was chosen by the service."""
+    contributor: str | None = None
+    """Key that answers for what the session contributes to maps; None: it contributes nothing."""
+
+
+@dataclass(frozen=True, slots=True)
+class Contribution:
+    """What a session offers to the map of a level, and what became of it; without its rows.
+
+    Attributes
+    ----------
+    contributor : str
+        Key that opened the session.
+    map_id : str
+        Version on which the session was located.
+    n_steps, n_kept, n_rows : int
+        Steps of the session, those of them that were sure enough, and rows of evidence made of these.
+    reasons : tuple of str
+        Why steps were left out.
+    box : tuple of float or None
+        ``(x_min, y_min, x_max, y_max)`` of the rows, m.
+    n_agreed, n_disagreed : int
+        Places where independent evidence agreed, and where it did not.
+    verdict : str
+        What the weighing did with it, in words; empty before.
+    """
+
+    id: str
+    session_id: str
+    level_id: str
+    device_id: str | None
+    contributor: str
+    map_id: str
+    state: ContributionState
+    n_steps: int
+    n_kept: int
+    n_rows: int
+    reasons: tuple[str, ...]
+    box: tuple[float, float, float, float] | None
+    n_agreed: int
+    n_disagreed: int
+    verdict: str
+    created_at: datetime
+    decided_at: datetime | None
+
+
+@dataclass(frozen=True, slots=True)
+class ContributionVerdict:
+    """What the weighing of a level's evidence says of one contribution."""
+
+    id: str
+    state: ContributionState
+    verdict: str
+    n_agreed: int
+    n_disagreed: int
+
+
+@dataclass(frozen=True, slots=True)
+class LastingChange:
+    """A lasting change of the field that independent passes agree on.
+
+    Attributes
+    ----------
+    map_id : str
+        Version from which on the map shows it.
+    box : tuple of float
+        ``(x_min, y_min, x_max, y_max)``, m.
+    delta : tuple of float, uT
+        Mean change per channel.
+    after, before : datetime or None
+        It came between the last pass that agreed with the old field and the first that did not.
+    """
+
+    id: str
+    level_id: str
+    map_id: str
+    box: tuple[float, float, float, float]
+    area_m2: float
+    delta: tuple[float, ...]
+    after: datetime | None
+    before: datetime | None
+    created_at: datetime
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,10 +7,12 @@ results pickle.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from app.engine.mapping import FloorPlan, NewWalk
+from app.engine.mapping.crowd.changes import ChangeEvent
+from app.engine.mapping.crowd.weigh import Verdict
 from app.engine.types import (
     DeviceCalibration,
     Evidence,
@@ -114,6 +116,12 @@ class UpdateBase:
         Plain values of the version's model.
     removed : tuple of str
         Sources to take out.
+    contributed : Evidence or None
+        Rows of sessions to add.
+    added : tuple of str
+        Ids of the contributions these are of, also of those without rows.
+    reputation : mapping
+        What other levels tell of contributors, 0 to 1.
     """
 
     map_id: str
@@ -122,6 +130,9 @@ class UpdateBase:
     box: tuple[float, float, float, float]
     model: Mapping[str, object]
     removed: tuple[str, ...] = ()
+    contributed: Evidence | None = None
+    added: tuple[str, ...] = ()
+    reputation: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,13 +148,47 @@ class BuildSpec:
 
 @dataclass(frozen=True, slots=True)
 class BuildResult:
-    """The built map; of an update, its evidence is that of ``base.box`` and its reports are of the new walks."""
+    """The built map. Of an update: the evidence is that of ``base.box``, reports are of the new walks, and there are
+    verdicts on contributions in the box and changes of the field there."""
 
     build: MapBuild
     cpu_s: float
     base: UpdateBase | None = None
+    verdicts: tuple[Verdict, ...] = ()
+    changes: tuple[ChangeEvent, ...] = ()
 
 
+@dataclass(frozen=True, slots=True)
+class ContributeSpec:
+    """Smooth a session and take from it what the map of its level can use."""
+
+    contribution_id: str
+    contributor: str
+    device: str
+    smooth: SmoothSpec
+    calibration: DeviceCalibration | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Offer:
+    """What a session offers to one level's map: rows (none, if nothing was sure enough), and why not more."""
+
+    level_id: str
+    evidence: Evidence
+    n_steps: int
+    n_kept: int
+    reasons: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class ContributeResult:
+    """The offers of a session."""
+
+    offers: tuple[Offer, ...]
+    cpu_s: float
+
+
+ContributeTask = Callable[[ContributeSpec, Progress], ContributeResult]
 LocateTask = Callable[[LocateSpec, Progress], LocateResult]
 SmoothTask = Callable[[SmoothSpec, Progress], SmoothResult]
 ReplayTask = Callable[[ReplaySpec, Progress], ReplayResult]

@@ -29,7 +29,7 @@ class TrajectoryService(Service):
         """Smoothed fixes from all segments processed so far; the same segments give the same answer."""
         with self._uow() as uow:
             session = uow.sessions.get(session_id)
-            _check_method(session)
+            check_smoothable(session)
             # the smoother remembers all particles of every step: what it needs grows with the time walked
             segments = load_segments(uow, session, NotSmoothableError)
         spec = SmoothSpec(
@@ -54,7 +54,8 @@ class TrajectoryService(Service):
             return self._executor.submit(self._task, spec, affinity=affinity).result()
 
 
-def _check_method(session: Session) -> None:
+def check_smoothable(session: Session) -> None:
+    """Refuse methods that cannot be smoothed."""
     if session.method != ParticleTracker.method:
         raise NotSmoothableError(
             "method",

@@ -48,6 +48,11 @@ def unpack_evidence(features: FeatureSet, tiles: Iterable[bytes]) -> Evidence:
     return Evidence.joined(parts) if parts else Evidence.empty(features)
 
 
+def pack_rows(rows: Evidence) -> bytes:
+    """Rows as one blob, wherever they lie."""
+    return _pack(rows, 0, 0).data
+
+
 def tiles_in(box: Box) -> tuple[range, range]:
     """Rows and columns of the tiles that a box touches."""
     first_column, first_row, last_column, last_row = (int(np.floor(v / TILE_M)) for v in box)

@@ -12,6 +12,8 @@ from pydantic import BaseModel
 from app.api import schemas
 from app.api.errors import PROBLEM_TYPES
 from app.api.schemas import (
+    contributions,
+    device_models,
     devices,
     health,
     jobs,
@@ -20,6 +22,7 @@ from app.api.schemas import (
     locate,
     maps,
     methods,
+    planning,
     positions,
     replays,
     segments,
@@ -35,6 +38,8 @@ from tests.api.harness import Api
 from tests.api.test_access import TABLE
 
 MODULES = [
+    contributions,
+    device_models,
     devices,
     health,
     jobs,
@@ -43,6 +48,7 @@ MODULES = [
     locate,
     maps,
     methods,
+    planning,
     positions,
     replays,
     sample_schemas,

@@ -29,6 +29,7 @@ PAGES = [
         "docs/uncertainty.md",
         "docs/surveying.md",
         "docs/maps.md",
+        "docs/exchange.md",
         "clients/python/README.md",
         "maps/README.md",
     )

@@ -25,6 +25,7 @@ from app.engine.types import (
     GridMap,
     ImuSamples,
     MapBuild,
+    MapBuildSettings,
     PressureReadings,
     Progress,
     RadioMap,
@@ -251,7 +252,7 @@ def map_build(
     walk_ids: Sequence[str] = ("wlk_1", "wlk_2"),
     plan: bool = False,
     radio: RadioMap | None = None,
-    strides: Mapping[str, float] | None = None,
+    strides: Mapping[str, float | None] | None = None,
     features: FeatureSet = FeatureSet.HV,
 ) -> MapBuild:
     """A finished build whose last walk was rejected; ``strides`` are the stride scales by walk, walks of their own."""
@@ -425,10 +426,16 @@ class World:
         return venue_id, levels
 
     def build(
-        self, level_id: str, *, seed: int = 0, radio: RadioMap | None = None, strides: Mapping[str, float] | None = None
+        self,
+        level_id: str,
+        *,
+        seed: int = 0,
+        radio: RadioMap | None = None,
+        strides: Mapping[str, float | None] | None = None,
+        align: bool = True,
     ) -> Job:
         """Request a map and complete the job by hand."""
-        requested = self.services.maps.request_build(NewBuild(level_id))
+        requested = self.services.maps.request_build(NewBuild(level_id, MapBuildSettings(align=align)))
         (job,) = self.services.processing.claim(1, JobKind.BUILD_MAP)
         assert job.id == requested.id
         build = map_build(level_id, seed=seed, radio=radio, strides=strides)

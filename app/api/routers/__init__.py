@@ -1,7 +1,10 @@
 """One router a noun."""
 
 from app.api.routers import (
+    contributions,
+    device_models,
     devices,
+    exchange,
     health,
     jobs,
     keys,
@@ -9,6 +12,7 @@ from app.api.routers import (
     locate,
     maps,
     methods,
+    planning,
     positions,
     replays,
     segments,
@@ -25,10 +29,14 @@ ROUTERS = (
     venues.router,
     levels.router,
     devices.router,
+    device_models.router,
     surveys.router,
     maps.router,
     versions.router,
+    planning.router,
+    exchange.router,
     sessions.router,
+    contributions.router,
     segments.router,
     positions.router,
     trajectories.router,

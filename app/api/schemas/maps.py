@@ -53,6 +53,7 @@ _MAP = {
     "n_transmitters": 214,
     "radio_cell_m": 2.0,
     "n_routes": 12,
+    "origin": None,
     "created_at": "2026-11-22T09:30:00.000Z",
 }
 COVERAGE_EXAMPLE: dict[str, Any] = {
@@ -106,6 +107,31 @@ class MapIn(In):
             "published with `PUT /v1/levels/{level_id}/map`.",
         ),
     ] = True
+
+
+class MapOriginOut(Out):
+    """Where a map came from that was not built here."""
+
+    source: Annotated[str, Field(description="`import`.")]
+    format: Annotated[str, Field(description="Of the file.")]
+    file_hash: Annotated[str, Field(description="SHA-256 of the file.")]
+    title: str
+    licence: str
+    attribution: str
+    assumed: Annotated[list[str], Field(description="What the file did not tell and was taken instead.")]
+
+    @classmethod
+    def of(cls, origin: records.MapOrigin) -> Self:
+        """Show where a map came from."""
+        return cls(
+            source=origin.source,
+            format=origin.format,
+            file_hash=origin.file_hash,
+            title=origin.title,
+            licence=origin.licence,
+            attribution=origin.attribution,
+            assumed=list(origin.assumed),
+        )
 
 
 class WalkReportOut(Out):
@@ -173,6 +199,9 @@ class MapOut(Out):
     n_routes: Annotated[
         int | None, Field(description="Survey lines kept with the map; sequence methods compare with them.")
     ]
+    origin: Annotated[
+        MapOriginOut | None, Field(description="Of an imported map; null for maps built from surveys.")
+    ] = None
     created_at: Time
 
     @classmethod
@@ -185,6 +214,7 @@ class MapOut(Out):
             "removed": list(info.removed),
             "field_sd": list(info.field_sd),
             "walks": [WalkReportOut.of(report) for report in info.walks],
+            "origin": None if info.origin is None else MapOriginOut.of(info.origin),
         }
         return cls(**{**plain, **lists})
 

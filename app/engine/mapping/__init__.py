@@ -1,7 +1,7 @@
 """Magnetic maps: placing survey walks, aligning them, kriging the field, bringing maps up to date."""
 
 from app.engine.mapping.builder import build_map
-from app.engine.mapping.kriging import krige, krige_grid
+from app.engine.mapping.kriging import krige, krige_grid, krige_nodes
 from app.engine.mapping.model import Covariance, FieldLevel, FieldSamples, MapModel, field_samples
 from app.engine.mapping.plan import FloorPlan, Polygon
 from app.engine.mapping.update import MapUpdate, NewWalk, reach_m, update_map
@@ -19,6 +19,7 @@ __all__ = [
     "field_samples",
     "krige",
     "krige_grid",
+    "krige_nodes",
     "reach_m",
     "update_map",
 ]

@@ -34,6 +34,14 @@ class Covariance:
         Its exponential length.
     white : float
         Variance of white noise.
+    curl_free : bool
+        The first two channels are the components of a gradient and are kriged together (no current flows through
+        the air, so the horizontal field has no curl in the plane); their sill must be the same. Else every channel
+        stands for itself.
+    stretch : float
+        The field's lengths across ``stretch_angle`` over those along it are ``1 / stretch``; their product is kept.
+    stretch_angle : float, rad
+        Direction of the longer axis, counter-clockwise from +x.
     """
 
     length_m: float = 5.0
@@ -42,6 +50,9 @@ class Covariance:
     white: float = 0.1
     fine: float = 0.5
     fine_length_m: float = 1.5
+    curl_free: bool = False
+    stretch: float = 1.0
+    stretch_angle: float = 0.0
 
     @property
     def noise(self) -> float:
@@ -64,10 +75,41 @@ class Covariance:
         grown: Float64Array = spread**2 * self.squared_gradient
         return grown / (1.0 + grown)
 
+    @property
+    def reach_m(self) -> float:
+        """Samples farther away than this say hardly anything: their correlation is below 0.08."""
+        return 2.5 * self.length_m * float(np.sqrt(max(self.stretch, 1.0 / self.stretch)))
+
+    def to_isotropic(self) -> Float64Array:
+        """Symmetric matrix (2, 2) of determinant one that takes a lag to the plane where the field is isotropic."""
+        c, s = np.cos(self.stretch_angle), np.sin(self.stretch_angle)
+        turn = np.array([[c, s], [-s, c]])
+        shape: Float64Array = turn.T @ np.diag([self.stretch**-0.5, self.stretch**0.5]) @ turn
+        return shape
+
+    @property
+    def gradient_sills(self) -> Float64Array:
+        """Variances of a gradient's x and y component where the isotropic field has one, shape (2,)."""
+        shape = self.to_isotropic()
+        return np.diag(shape @ shape).copy()
+
     def kernel_parameters(self) -> Float64Array:
-        """Parameters as the kernel wants them."""
-        coarse, fine = np.sqrt(3.0) / self.length_m, np.sqrt(3.0) / self.fine_length_m
-        return np.array([coarse, self.error, 1.0 / self.error_length_m, self.white, self.fine, fine])
+        """Parameters in the order of :mod:`app.engine.kernels.kriging`, shape (17,)."""
+        rates = np.sqrt(3.0) / np.array([self.length_m, self.fine_length_m])
+        shape = self.to_isotropic()
+        triangle = np.triu_indices(2)
+        # one, largest exponent, a 64th, coefficients of Pade's fraction of the exponential
+        constants = [1.0, 640.0, 1.0 / 64.0, 0.1, 0.5, 1.0 / 120.0]
+        return np.concatenate(
+            [
+                [1.0 - self.fine, self.fine],
+                rates,
+                [1.0 / self.error_length_m],
+                shape[triangle],
+                (shape @ shape)[triangle],
+                constants,
+            ]
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)

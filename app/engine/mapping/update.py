@@ -1,4 +1,4 @@
-"""A map brought up to date by new evidence: only the squares that the change can reach are kriged anew.
+"""A map brought up to date by new evidence: only the nodes that the change can reach are kriged anew.
 
 What was fitted when the map was built (covariance, level, repeatability) stays; a later build fits it again.
 """
@@ -12,7 +12,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from app.engine.errors import InputError, MapError
-from app.engine.mapping.kriging import krige_grid
+from app.engine.mapping.kriging import LARGEST_BLOCK, krige_nodes
 from app.engine.mapping.model import MapModel, field_samples
 from app.engine.mapping.samples import PlacedSamples, place_samples
 from app.engine.mapping.settling import SettledWalk, settle_walk
@@ -32,8 +32,7 @@ from app.engine.types import (
 )
 
 SQUARE = 64
-"""Nodes per side of the squares that are kriged anew as a whole: the tiles of the map."""
-GROWTH_NODES = SQUARE
+"""Nodes by which a map grows to the west and south: the side of its stored tiles, whose content then stays."""
 MARGIN_M = 4.0
 MAX_NODES = 16_000_000
 SUPPORT_CAP_M = 50.0
@@ -75,7 +74,7 @@ class MapUpdate:
 
 def reach_m(model: MapModel) -> float:
     """How far a sample's influence on the map goes, m."""
-    return 2.5 * model.covariance.length_m
+    return model.covariance.reach_m
 
 
 def update_map(
@@ -97,7 +96,7 @@ def update_map(
     current : GridMap
         Of the ``vector`` features.
     evidence : Evidence
-        What ``current`` rests on, at least all of it within twice the :func:`reach_m` of what changes.
+        What ``current`` rests on, at least all of it within three times the :func:`reach_m` of what comes or goes.
     model : MapModel
         Fitted when the map was built.
     walks : sequence of NewWalk
@@ -123,7 +122,7 @@ def update_map(
     settled, reports = _settle(walks, current, align=align)
     rows = [_rows(new, one) for new, one in settled]
     joined = Evidence.joined([evidence.without(removed), *rows, *([contributed] if contributed is not None else [])])
-    weighed = joined if weigh is None else weigh(joined)
+    weighed = joined if weigh is None else _weighed_near(joined, weigh(joined), _changed_rows(evidence, joined), model)
     say(0.4, "kriging")
     changed_xy = _changed_rows(evidence, weighed)
     grown = _grown(current, weighed.xy[weighed.weight > 0.0])
@@ -171,6 +170,15 @@ def _rows(new: NewWalk, one: SettledWalk) -> Evidence:
         one.walk.walk_id, SourceKind.SURVEY, contributor=new.contributor, device=new.device, t=float(one.walk.t[0])
     )
     return Evidence.of(FeatureSet.VECTOR, source, one.walk.xy, one.field)
+
+
+def _weighed_near(joined: Evidence, weighed: Evidence, changed_xy: Float32Array, model: MapModel) -> Evidence:
+    """New weights about what came or went; further off evidence may be missing, and weights stay."""
+    if not len(changed_xy) or not len(joined):
+        return joined
+    distance, _ = cKDTree(changed_xy).query(joined.xy, distance_upper_bound=reach_m(model))
+    weight = np.where(np.isfinite(distance), weighed.weight, joined.weight)
+    return replace(joined, weight=weight.astype(np.float32))
 
 
 def _changed_rows(before: Evidence, after: Evidence) -> Float32Array:
@@ -223,73 +231,47 @@ def _grown(current: GridMap, xy: Float32Array) -> GridMap:
 def _krige_near(
     grid_map: GridMap, evidence: Evidence, model: MapModel, changed_xy: Float32Array, say: Progress
 ) -> tuple[GridMap, BoolArray]:
-    """Krige every square that a changed row reaches."""
+    """Krige every node that a changed row reaches, from all rows that reach it."""
     rows, columns = grid_map.shape
-    changed = np.zeros((rows, columns), dtype=bool)
     if not len(changed_xy):
-        return grid_map, changed
-    mean, sd = grid_map.mean.copy(), grid_map.sd.copy()
-    support = grid_map.support.copy()
-    obstacle = None if grid_map.obstacle is None else grid_map.obstacle.copy()
+        return grid_map, np.zeros((rows, columns), dtype=bool)
+    x: Float64Array = grid_map.x0 + grid_map.cell_m * np.arange(columns, dtype=np.float64)
+    y: Float64Array = grid_map.y0 + grid_map.cell_m * np.arange(rows, dtype=np.float64)
+    nodes = np.stack([part.ravel() for part in np.meshgrid(x, y)], axis=1)
+    reach = reach_m(model) + LARGEST_BLOCK * grid_map.cell_m  # nodes of a block share their neighbours
+    apart = np.asarray(cKDTree(changed_xy).query(nodes, distance_upper_bound=max(reach, SUPPORT_CAP_M))[0])
+    changed: BoolArray = np.reshape(apart <= reach, (rows, columns))
     used = evidence.subset(evidence.weight > 0.0)
-    reach = reach_m(model)
-    squares = _squares_near(grid_map, changed_xy, reach)
-    for i, (r, c) in enumerate(squares):
-        part = np.s_[r : min(r + SQUARE, rows), c : min(c + SQUARE, columns)]
-        # two nodes at least: an axis tells its spacing
-        y: Float64Array = grid_map.y0 + grid_map.cell_m * np.arange(r, max(part[0].stop, r + 2), dtype=np.float64)
-        x: Float64Array = grid_map.x0 + grid_map.cell_m * np.arange(c, max(part[1].stop, c + 2), dtype=np.float64)
-        near = _within(used, x, y, reach)
-        m, s = krige_grid(field_samples(near, model), model.level, model.covariance, x, y)
-        inside = np.s_[:, : part[0].stop - r, : part[1].stop - c]
-        mean[(slice(None), *part)], sd[(slice(None), *part)] = m[inside], s[inside]
-        changed[part] = True
-        say(0.4 + 0.6 * (i + 1) / len(squares), "kriging")
-    support = _support(grid_map, used, changed_xy, support)
+    mean, sd = grid_map.mean.copy(), grid_map.sd.copy()
+    mean[:, changed], sd[:, changed] = krige_nodes(
+        field_samples(_within(used, nodes[changed.ravel()], reach), model), model.level, model.covariance, x, y,
+        changed, progress=lambda f, what: say(0.4 + 0.5 * f, what),
+    )  # fmt: skip
+    obstacle = None if grid_map.obstacle is None else grid_map.obstacle.copy()
     if obstacle is not None:
         _free_where_walked(obstacle, grid_map, used)
+    support = _support(grid_map, used, nodes, apart)
     return replace(grid_map, mean=mean, sd=sd, support=support, obstacle=obstacle), changed
 
 
-def _squares_near(grid_map: GridMap, points: Float32Array, reach: float) -> list[tuple[int, int]]:
-    """First node of each square with a changed row within reach of its rectangle."""
-    rows, columns = grid_map.shape
-    squares = []
-    for r in range(0, rows, SQUARE):
-        for c in range(0, columns, SQUARE):
-            x0, y0 = grid_map.x0 + c * grid_map.cell_m, grid_map.y0 + r * grid_map.cell_m
-            x1 = grid_map.x0 + (min(c + SQUARE, columns) - 1) * grid_map.cell_m
-            y1 = grid_map.y0 + (min(r + SQUARE, rows) - 1) * grid_map.cell_m
-            dx = np.maximum(np.maximum(x0 - points[:, 0], points[:, 0] - x1), 0.0)
-            dy = np.maximum(np.maximum(y0 - points[:, 1], points[:, 1] - y1), 0.0)
-            if (dx * dx + dy * dy).min() <= reach * reach:
-                squares.append((r, c))
-    return squares
-
-
-def _within(evidence: Evidence, x: Float64Array, y: Float64Array, reach: float) -> Evidence:
-    lo, hi = np.array([x[0], y[0]]) - reach - 1.0, np.array([x[-1], y[-1]]) + reach + 1.0
+def _within(evidence: Evidence, nodes: Float64Array, reach: float) -> Evidence:
+    """Rows that can reach any of the nodes."""
+    lo, hi = nodes.min(axis=0) - reach, nodes.max(axis=0) + reach
     inside: BoolArray = np.all((evidence.xy >= lo) & (evidence.xy <= hi), axis=1)
     return evidence.subset(inside)
 
 
-def _support(grid_map: GridMap, used: Evidence, changed_xy: Float32Array, support: Float32Array) -> Float32Array:
-    """Distance to the nearest row in use, measured again where a change can matter to it, m."""
-    rows, columns = grid_map.shape
-    xx, yy = np.meshgrid(
-        grid_map.x0 + grid_map.cell_m * np.arange(columns), grid_map.y0 + grid_map.cell_m * np.arange(rows)
-    )
-    nodes = np.stack([xx.ravel(), yy.ravel()], axis=1)
-    moved, _ = cKDTree(changed_xy).query(nodes, distance_upper_bound=SUPPORT_CAP_M)
+def _support(grid_map: GridMap, used: Evidence, nodes: Float64Array, apart: Float64Array) -> Float32Array:
+    """Distance to the nearest row in use, measured again where a change, ``apart`` from the node, can matter to it."""
+    support = grid_map.support.copy()
     # a row that came is nearer than what was nearest, one that went was the nearest
-    asked = np.flatnonzero(moved <= support.ravel() + grid_map.cell_m)
-    result = support.copy().ravel()
+    asked = np.flatnonzero(apart <= support.ravel() + grid_map.cell_m)
     if len(used):
         distance, _ = cKDTree(used.xy).query(nodes[asked], distance_upper_bound=SUPPORT_CAP_M)
-        result[asked] = np.minimum(distance, SUPPORT_CAP_M)
+        support.ravel()[asked] = np.minimum(distance, SUPPORT_CAP_M)
     else:
-        result[asked] = SUPPORT_CAP_M
-    return result.reshape(rows, columns)
+        support.ravel()[asked] = SUPPORT_CAP_M
+    return support
 
 
 def _free_where_walked(obstacle: Float32Array, grid_map: GridMap, used: Evidence) -> None:

@@ -7,11 +7,11 @@ from collections.abc import Set as AbstractSet
 from dataclasses import asdict, replace
 from typing import Any
 
-from sqlalchemy import ColumnElement, Row, Table, func, insert, literal, not_, select, update
+from sqlalchemy import ColumnElement, Row, Table, func, insert, literal, not_, null, select, update
 
 from app.engine.types import Evidence, FeatureSet, GridMap, MapBuildSettings, WalkReport
 from app.services.ports import Box
-from app.services.records import MapInfo, MapKind, NewBuild, PackedLayer, PackedMap, PackedTile, Page
+from app.services.records import MapInfo, MapKind, MapOrigin, NewBuild, PackedLayer, PackedMap, PackedTile, Page
 from app.storage.evidence import pack_evidence, tiles_in, unpack_evidence
 from app.storage.models import (
     evidence_tiles,
@@ -246,6 +246,7 @@ def _columns(info: MapInfo) -> dict[str, Any]:
         "added": list(info.added),
         "removed": list(info.removed),
         "walks": [asdict(walk) for walk in info.walks],
+        "origin": null() if info.origin is None else asdict(info.origin),
     }
 
 
@@ -260,8 +261,13 @@ def _info(row: Row[Any]) -> MapInfo:
         noise_sd=tuple(values["noise_sd"]),
         field_sd=tuple(values["field_sd"]),
         walks=tuple(map(_report, values["walks"])),
+        origin=_origin(values["origin"]),
     )
 
 
 def _report(stored: dict[str, Any]) -> WalkReport:
     return WalkReport(**{**stored, "offset": tuple(stored["offset"])})
+
+
+def _origin(stored: dict[str, Any] | None) -> MapOrigin | None:
+    return None if stored is None else MapOrigin(**{**stored, "assumed": tuple(stored["assumed"])})

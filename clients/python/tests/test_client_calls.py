@@ -22,6 +22,7 @@ from isodyn_client import (
     FixKind,
     GnssFixes,
     InvalidRequestError,
+    IsodynError,
     JobFailedError,
     JobState,
     PressureReadings,
@@ -444,6 +445,49 @@ def test_a_field_of_the_wrong_size_is_not_an_array(service: FakeService, client:
         client.map_field("map_1", "z")
 
 
+def test_a_map_as_a_file(service: FakeService, client: Client) -> None:
+    service.will(httpx.Response(200, content=b"CDF..."))
+    assert client.export_map("map_1", format="netcdf", licence="CC0") == b"CDF..."
+    request = service.requests[0]
+    assert (request.method, request.url.path) == ("GET", "/v1/maps/map_1/export")
+    assert dict(request.url.params) == {"format": "netcdf", "licence": "CC0"}
+
+
+def test_a_file_as_a_map(service: FakeService) -> None:
+    async def run() -> str:
+        async with service.async_client() as client:
+            made = await client.import_map(
+                "lvl_1", b"grid" * 100, format="esri-ascii", channel="total", sd=1.5, publish=False
+            )
+            assert made.origin is not None
+            return made.origin.assumed[0]
+
+    origin = {"source": "import", "format": "esri-ascii", "file_hash": "0f", "assumed": ["no unit"]}
+    service.will(ok(MAP | {"origin": origin}, 201))
+    assert asyncio.run(run()) == "no unit"
+    request = service.requests[0]
+    assert request.url.path == "/v1/levels/lvl_1/maps/import"
+    sent = {"format": "esri-ascii", "channel": "total", "sd": "1.5", "publish": "false"}
+    assert dict(request.url.params) == sent
+    assert request.headers["Content-Encoding"] == "gzip"
+    assert gzip.decompress(service.bodies[0]) == b"grid" * 100
+
+
+def test_an_import_is_not_sent_twice(service: FakeService, client: Client) -> None:
+    service.will(httpx.ReadError("gone"))
+    with pytest.raises(IsodynError):
+        client.import_map("lvl_1", b"grid", format="xyz")
+    assert len(service.requests) == 1
+
+
+def test_a_survey_as_a_file(service: FakeService, client: Client) -> None:
+    service.will(httpx.Response(200, content=b"PK"), httpx.Response(200, content=b"PK"))
+    assert client.export_survey("srv_1") == b"PK"
+    assert not service.requests[0].url.params
+    client.export_survey("srv_1", radio=True)
+    assert dict(service.requests[1].url.params) == {"radio": "true"}
+
+
 def test_coverage_is_a_mask(service: FakeService, client: Client) -> None:
     place = {"rows": 2, "columns": 4, "x0": 0.0, "y0": 0.0, "cell_m": 0.5, "mapped_m": 1.5}
     shares = {"mapped_share": 0.5, "mapped_area_m2": 1.0}
@@ -452,6 +496,34 @@ def test_coverage_is_a_mask(service: FakeService, client: Client) -> None:
     assert coverage.mapped.tolist() == [[False, True, True, True], [False, False, False, True]]
     with pytest.raises(UnexpectedAnswerError):
         client.map_coverage("map_1")
+
+
+def test_quality_of_a_map(service: FakeService, client: Client) -> None:
+    values = np.array([[0.5, np.nan]], dtype="<f4")
+    headers = {"X-Isodyn-Rows": "1", "X-Isodyn-Columns": "2", "X-Isodyn-X0": "0", "X-Isodyn-Y0": "0"}
+    service.will(httpx.Response(200, content=values.tobytes(), headers={**headers, "X-Isodyn-Cell-M": "1"}))
+    raster = client.quality_raster("map_1", "across", heading_deg=45)
+    assert dict(service.requests[0].url.params) == {"layer": "across", "heading_deg": "45", "format": "f32"}
+    np.testing.assert_array_equal(raster.values, values)
+    service.will(httpx.Response(200, content=b"png"))
+    assert client.quality_image("map_1") == b"png"
+    assert dict(service.requests[1].url.params) == {"layer": "mean_error", "format": "png"}
+
+
+def test_suggestions_and_forecasts(service: FakeService, client: Client) -> None:
+    line = {"start": [0, 1], "end": [2, 3], "length_m": 2.8, "gain_m2": 9.0, "reasons": ["thin"], "words": "few walks"}
+    service.will(ok({"map_id": "map_1", "unknown_before": 0.5, "unknown_after": 0.4, "suggestions": [line]}))
+    (found,) = client.survey_suggestions("map_1", count=3).suggestions
+    assert (found.start, found.reasons) == ((0.0, 1.0), ("thin",))
+    assert dict(service.requests[0].url.params) == {"count": "3"}
+    service.will(httpx.Response(200, content=b"{}"))
+    assert client.suggestions_geojson("map_1") == b"{}"
+    assert service.requests[1].headers["Accept"] == "application/geo+json"
+    columns = {name: [0.0] for name in ("way_m", "x", "y", "along_m", "across_m", "error_m")}
+    rest = {"map_id": "map_1", "length_m": 1, "mapped_share": 1, "mean_m": 1, "p90_m": 1, "stretches": []}
+    service.will(ok({**columns, **rest, "mapped": [True]}))
+    assert client.forecast_route("map_1", [(0, 1), (2, 3)]).mapped == (True,)
+    assert json.loads(service.requests[2].content) == {"route": {"x": [0.0, 2.0], "y": [1.0, 3.0]}}
 
 
 def test_another_service_is_not_understood(service: FakeService, client: Client) -> None:

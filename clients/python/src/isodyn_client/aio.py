@@ -150,6 +150,7 @@ class AsyncClient:
         map_id: str | None = None,
         map_ids: Sequence[str] | None = None,
         calibration_epoch: str | None = None,
+        contribute: bool | None = None,
     ) -> AsyncSession:
         """Open a session: one trip of one device, on a level, or with ``venue_id`` instead on any level of a venue.
 
@@ -165,6 +166,7 @@ class AsyncClient:
             map_id=map_id,
             map_ids=map_ids,
             calibration_epoch=calibration_epoch,
+            contribute=contribute,
         )
         return AsyncSession(self, info)
 
@@ -189,6 +191,8 @@ class AsyncClient:
     device = _call(endpoints.device)
     devices = _list(endpoints.devices)
     forget_calibrations = _call(endpoints.forget_calibrations)
+    device_models = _list(endpoints.device_models)
+    device_model = _call(endpoints.device_model)
 
     create_survey = _call(endpoints.create_survey)
     survey = _call(endpoints.survey)
@@ -212,6 +216,22 @@ class AsyncClient:
     map_field = _call(endpoints.map_field)
     map_image = _call(endpoints.map_image)
     map_coverage = _call(endpoints.map_coverage)
+    map_quality = _call(endpoints.map_quality)
+    quality_raster = _call(endpoints.quality_raster)
+    quality_image = _call(endpoints.quality_image)
+    survey_suggestions = _call(endpoints.survey_suggestions)
+    suggestions_geojson = _call(endpoints.suggestions_geojson)
+    forecast_route = _call(endpoints.forecast_route)
+
+    contributions = _list(endpoints.contributions)
+    contribution = _call(endpoints.contribution)
+    reject_contribution = _call(endpoints.reject_contribution)
+    restore_contribution = _call(endpoints.restore_contribution)
+    delete_contribution = _call(endpoints.delete_contribution)
+    field_changes = _list(endpoints.field_changes)
+    export_map = _call(endpoints.export_map)
+    import_map = _call(endpoints.import_map)
+    export_survey = _call(endpoints.export_survey)
 
     create_session = _call(endpoints.create_session)
     session_info = _call(endpoints.session_info)

@@ -89,9 +89,9 @@ def json_body(value: Mapping[str, Any]) -> Body:
     return Body("application/json", (json.dumps(value, separators=(",", ":")).encode(),))
 
 
-def raw_body(content: bytes, content_type: str) -> Body:
+def raw_body(content: bytes, content_type: str, *, gzip: bool = False) -> Body:
     """Bytes that are already encoded: a PNG, a GeoJSON file."""
-    return Body(content_type, (content,))
+    return Body(content_type, (content,), gzip)
 
 
 def samples_body(

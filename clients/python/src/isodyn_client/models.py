@@ -108,7 +108,7 @@ class Extent(Model):
 
 
 class Venue(Model):
-    """A place with one local frame."""
+    """A place with one local frame; ``distance_m`` to its bounding box if it was looked for near a place."""
 
     id: str
     name: str
@@ -116,10 +116,11 @@ class Venue(Model):
     anchor: Anchor | None = None
     created_at: datetime
     updated_at: datetime
+    distance_m: float | None = None
 
 
 class Level(Model):
-    """One storey of a venue."""
+    """One storey of a venue; ``distance_m`` to its bounding box if it was looked for near a place."""
 
     id: str
     venue_id: str
@@ -131,6 +132,7 @@ class Level(Model):
     current_map_id: str | None = None
     created_at: datetime
     updated_at: datetime
+    distance_m: float | None = None
 
 
 class Calibration(Model):
@@ -153,14 +155,49 @@ class DeviceCalibration(Calibration):
     updated_at: datetime
 
 
+class CalibrationSource(StrEnum):
+    """Where a session's start comes from."""
+
+    DEVICE = "device"
+    MODEL = "model"
+    NONE = "none"
+
+
+class SessionStart(Model):
+    """What the next session of a device starts with, if it is of this epoch of its magnetometer; and from where."""
+
+    epoch: str
+    source: CalibrationSource
+    calibration: Calibration | None = None
+
+
 class Device(Model):
-    """One physical sensor carrier; ``calibrations`` are there when it is asked for alone."""
+    """One physical sensor carrier; ``calibrations`` and ``next_session`` are there when it is asked for alone."""
 
     id: str
     name: str
     model: str | None = None
     created_at: datetime
     calibrations: tuple[DeviceCalibration, ...] = ()
+    next_session: SessionStart | None = None
+
+
+class ModelEstimate(Model):
+    """What ``n_taught`` devices of a model have in common: the same values with the deviations of the mean
+    (``typical``), of devices among one another (``spread``), and of a new device (``start``)."""
+
+    n_taught: int
+    typical: Calibration
+    spread: Calibration
+    start: Calibration
+
+
+class DeviceModel(Model):
+    """A model that devices name; ``estimate`` is there when it is asked for alone and enough devices taught."""
+
+    name: str
+    n_devices: int
+    estimate: ModelEstimate | None = None
 
 
 class Survey(Model):
@@ -180,6 +217,7 @@ class Walk(Model):
     survey_id: str
     name: str
     device_id: str | None = None
+    calibration_epoch: str = ""
     n_samples: int
     n_waypoints: int
     duration_s: float
@@ -200,11 +238,24 @@ class WalkReport(Model):
     stride_scale: float | None = None
 
 
+class MapOrigin(Model):
+    """Where an imported map came from; ``assumed`` says what its file did not tell."""
+
+    source: str
+    format: str
+    file_hash: str
+    title: str = ""
+    licence: str = ""
+    attribution: str = ""
+    assumed: tuple[str, ...] = ()
+
+
 class MapInfo(Model):
     """A finished map version, without its cells; without a radio layer ``n_transmitters`` is None.
 
     ``kind`` is "build" (from all walks at once) or "update": then ``added`` and ``removed`` are what its parent lacked
     and had too much, and ``walks`` reports on those added.
+    ``origin`` is None for maps that were built from surveys.
     """
 
     id: str
@@ -234,6 +285,7 @@ class MapInfo(Model):
     kind: str = "build"
     added: tuple[str, ...] = ()
     removed: tuple[str, ...] = ()
+    origin: MapOrigin | None = None
     created_at: datetime
 
 
@@ -367,7 +419,47 @@ class SessionInfo(Model):
     created_at: datetime
     closed_at: datetime | None = None
     calibration_epoch: str = ""
+    contributes: bool = False
     calibration: Calibration | None = None
+
+
+class Contribution(Model):
+    """What a session offered to the map of a level, and what became of it.
+
+    ``state`` is offered, used, waiting, quarantined, rejected or empty; ``reasons`` say why in words.
+    """
+
+    id: str
+    session_id: str
+    level_id: str
+    device_id: str | None = None
+    contributor: str
+    map_id: str
+    state: str
+    n_steps: int
+    n_kept: int
+    n_rows: int
+    reasons: tuple[str, ...] = ()
+    box: tuple[float, float, float, float] | None = None
+    n_agreed: int
+    n_disagreed: int
+    verdict: str = ""
+    created_at: datetime
+    decided_at: datetime | None = None
+
+
+class LastingChange(Model):
+    """A lasting change of the field: where (``box``, m), by how much per channel (``delta``, uT), between when."""
+
+    id: str
+    level_id: str
+    map_id: str
+    box: tuple[float, float, float, float]
+    area_m2: float
+    delta: tuple[float, ...]
+    after: datetime | None = None
+    before: datetime | None = None
+    created_at: datetime
 
 
 class Ellipse(Model):
