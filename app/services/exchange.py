@@ -27,7 +27,7 @@ from app.services.ids import new_id
 from app.services.map_refs import MapRefs
 from app.services.ports import MapCache, UnitOfWorkFactory
 from app.services.publishing import IMPORTED
-from app.services.publishing import publish as publish_version
+from app.services.publishing import publish as log_publication
 from app.services.records import Level, MapInfo, MapKind, MapOrigin, Survey, Venue
 
 IMPORT = "import"
@@ -126,7 +126,7 @@ class ExchangeService(Service):
             )  # fmt: skip
             uow.maps.add(info, packed)
             if publish:
-                publish_version(uow, info, now, key_id=key_id, note=IMPORTED)
+                log_publication(uow, info, now, key_id=key_id, note=IMPORTED)
         self._cache.ref(info, lambda: grid)
         return info
 

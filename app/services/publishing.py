@@ -11,7 +11,7 @@ from app.services.records import MapInfo, Publication
 BUILT = "built"
 UPDATED = "updated"
 IMPORTED = "imported"
-"""Notes of versions that were published as they were made."""
+"""Notes of versions that their build, update or import published."""
 
 
 def publish(uow: UnitOfWork, info: MapInfo, now: datetime, *, key_id: str | None = None, note: str = "") -> Publication:

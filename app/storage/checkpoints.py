@@ -32,9 +32,9 @@ class FileCheckpoints:
     def load(self, key: str) -> PlacedWalks | None:
         """What was put under the key; None if there is nothing, or it is damaged."""
         try:
-            with np.load(self._path(key), allow_pickle=False) as stored:
+            with self._path(key).open("rb") as file, np.load(file, allow_pickle=False) as stored:
                 return _unpack({name: stored[name] for name in stored.files})
-        except (OSError, KeyError, ValueError, zipfile.BadZipFile):
+        except (OSError, EOFError, KeyError, ValueError, zipfile.BadZipFile):
             return None  # only time is lost: the walks are placed anew
 
     def put(self, key: str, placed: PlacedWalks) -> None:

@@ -28,7 +28,6 @@ from tests.support.builders import (
     answer_locate,
     answer_replay,
     answer_smooth,
-    grid_map,
     map_build,
     new_walk,
     samples,
@@ -98,10 +97,9 @@ class Worker:
             return processing.fail(job, self.error)
         if job.kind is JobKind.BUILD_MAP:
             spec = processing.build_spec(job)
-            build = map_build(spec.level_id, walk_ids=[new.walk.walk_id for new in spec.walks])
-            features = spec.settings.features
-            sd = (8.0,) * len(features.channels)
-            build = replace(build, grid_map=grid_map(spec.level_id, features=features), field_sd=sd)
+            ids = [new.walk.walk_id for new in spec.walks]
+            build = map_build(spec.level_id, walk_ids=ids, features=spec.settings.features)
+            build = replace(build, field_sd=(8.0,) * len(spec.settings.features.channels))
             return processing.complete_build(job, BuildResult(build, cpu_s=0.1), 0.2)
         done = processing.complete_locate(job, answer_locate(processing.locate_spec(job), lambda *_: None))
         assert done is not None

@@ -28,6 +28,7 @@ PAGES = [
         "docs/how-it-works.md",
         "docs/uncertainty.md",
         "docs/surveying.md",
+        "docs/maps.md",
         "docs/exchange.md",
         "clients/python/README.md",
         "maps/README.md",

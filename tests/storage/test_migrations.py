@@ -202,3 +202,28 @@ def test_segments_of_before_told_nothing_later_and_the_way_back_keeps_them(tmp_p
     with database() as uow:
         assert uow.sessions.get_result("ses", 0) == result
     database.close()
+
+
+def test_builds_of_before_are_published_and_their_maps_are_known(tmp_path: Path) -> None:
+    """As far as their jobs tell; the log begins empty. Going back forgets it."""
+    database = _at_revision(tmp_path, "r0002")
+    settings = json.dumps({"features": "hv", "cell_m": 0.5, "mapped_m": 1.5, "extent": None})
+    with database.engine.begin() as connection:
+        for statement in (_VENUE, _LEVEL, _MAP, _JOB):
+            connection.exec_driver_sql(statement)
+        connection.execute(text("UPDATE jobs SET result = :result"), {"result": json.dumps({"map_id": "map"})})
+        connection.execute(
+            text("INSERT INTO map_builds (job_id, level_id, settings, survey_ids) VALUES ('job', 'lvl', :told, '[]')"),
+            {"told": settings},
+        )
+    for _ in range(2):
+        database.migrate()
+        with database() as uow:
+            build = uow.maps.build_of("map")
+            assert build is not None
+            assert (build.publish, build.key_id, build.settings.cell_m) == (True, None, 0.5)
+            assert uow.publications.latest("lvl") is None
+        with database.engine.begin() as connection:
+            command.downgrade(config_for(connection), "r0011")
+        assert "publications" not in inspect(database.engine).get_table_names()
+    database.close()

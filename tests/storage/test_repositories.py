@@ -26,8 +26,10 @@ from app.services.records import (
     Level,
     LevelMap,
     MapInfo,
+    MapKind,
     NewBuild,
     Page,
+    Publication,
     Scope,
     Session,
     SessionStatus,
@@ -317,6 +319,68 @@ def test_maps_come_back_and_become_current(database: Database) -> None:
     write(database, lambda uow: uow.levels.set_current_map("lvl_1", "map_1", LATER))
     with database() as uow:
         assert uow.levels.get("lvl_1").current_map_id == "map_1"
+
+
+def test_publications_are_listed_newest_first_by_level(database: Database) -> None:
+    write(database, add_map)
+    log = [Publication(f"pub_{i}", "lvl_1", "map_1", "map_1" if i else None, None, f"n{i}", LATER) for i in range(3)]
+
+    def publish(uow: UnitOfWork) -> None:
+        for one in log:
+            uow.publications.add(one)
+        assert uow.levels.set_current_map("lvl_1", "map_1", LATER) is None
+        assert uow.levels.set_current_map("lvl_1", "map_1", LATER) == "map_1"
+
+    write(database, publish)
+    with database() as uow:
+        assert uow.publications.latest("lvl_1") == log[2]
+        assert uow.publications.latest("lvl_2") is None
+        assert uow.publications.list("lvl_1", cursor=None, limit=2) == Page((log[2], log[1]), "pub_1")
+        assert uow.publications.list("lvl_1", cursor="pub_1", limit=2) == Page((log[0],), None)
+
+
+def test_a_build_is_known_by_its_map(database: Database) -> None:
+    order = NewBuild("lvl_1", MapBuildSettings(cell_m=0.25), ("srv_1",), publish=False)
+    key = ApiKey("key_1", "k", frozenset({Scope.SURVEY}), START, None, None)
+
+    def build(uow: UnitOfWork) -> None:
+        uow.keys.add(key, "f" * 64)
+        uow.jobs.add(queued_job("job_1", kind=JobKind.BUILD_MAP))
+        uow.maps.add_build("job_1", replace(order, key_id="key_1"))
+        assert uow.maps.build_of("map_1") is None
+        uow.maps.finish_build("job_1", "map_1")
+
+    write(database, add_map, build)
+    with database() as uow:
+        assert uow.maps.build_of("map_1") == uow.maps.get_build("job_1") == replace(order, key_id="key_1")
+        hashes = uow.maps.tile_hashes("map_1")
+        assert hashes == [tile.hash for tile in uow.maps.pack(grid_map("lvl_1", plan=True)).tiles]
+
+
+def test_reports_of_an_update_are_beside_those_of_its_build(database: Database) -> None:
+    def report(walk_id: str) -> WalkReport:
+        return WalkReport(walk_id, 9, 5.0, (0.0, 0.0, 0.0), 1.0)
+
+    def versions(uow: UnitOfWork) -> None:
+        packed = uow.maps.pack(grid_map("lvl_1", plan=True))
+        update = replace(map_info("map_2", version=2), parent_id="map_1", kind=MapKind.UPDATE)
+        for info in (
+            replace(update, walks=(report("wlk_3"),), removed=("wlk_2",)),
+            replace(update, id="map_3", version=3, parent_id="map_2", walks=(report("wlk_4"),)),
+            replace(map_info("map_4", version=4), parent_id="map_3", walks=(report("wlk_5"),)),
+        ):
+            uow.maps.add(info, packed)
+
+    write(database, add_map, versions)
+    with database() as uow:
+        known = {f"map_{i}": set(uow.maps.reports(f"map_{i}")) for i in (1, 2, 3, 4)}
+        assert uow.maps.reports("map_3")["wlk_3"] == report("wlk_3")
+    assert known == {
+        "map_1": {"wlk_1", "wlk_2"},
+        "map_2": {"wlk_1", "wlk_3"},
+        "map_3": {"wlk_1", "wlk_3", "wlk_4"},
+        "map_4": {"wlk_5"},
+    }
 
 
 def test_versions_share_their_equal_tiles(database: Database) -> None:

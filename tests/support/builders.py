@@ -253,6 +253,7 @@ def map_build(
     plan: bool = False,
     radio: RadioMap | None = None,
     strides: Mapping[str, float | None] | None = None,
+    features: FeatureSet = FeatureSet.HV,
 ) -> MapBuild:
     """A finished build whose last walk was rejected; ``strides`` are the stride scales by walk, walks of their own."""
     reports = tuple(
@@ -263,16 +264,17 @@ def map_build(
         WalkReport(walk_id, 120, 80.0, (0.5, -1.0, 2.0), 0.9, stride_scale=scale)
         for walk_id, scale in (strides or {}).items()
     )
-    built = grid_map(level_id, seed=seed, plan=plan, radio=radio)
+    built, channels = grid_map(level_id, seed=seed, plan=plan, radio=radio, features=features), len(features.channels)
     parts = [
         Evidence.of(
-            built.features, EvidenceSource(report.walk_id, SourceKind.SURVEY), np.full((3, 2), i), np.ones((3, 2))
+            features, EvidenceSource(one.walk_id, SourceKind.SURVEY), np.full((3, 2), i), np.ones((3, channels))
         )
-        for i, report in enumerate(reports)
-        if report.rejected is None
+        for i, one in enumerate(reports)
+        if one.rejected is None
     ]
     evidence = Evidence.joined(parts) if parts else Evidence.empty(built.features)
-    model = {"level": {"mean": [20.0, 40.0], "sd": [5.0, 6.0]}, "covariance": {"length_m": 5.0}}
+    level = {"mean": [20.0, 40.0, 30.0][:channels], "sd": [5.0, 6.0, 7.0][:channels]}
+    model = {"level": level, "covariance": {"length_m": 5.0}}
     return MapBuild(built, reports, 12_345, 2.5, (8.0, 7.5), evidence, model)
 
 

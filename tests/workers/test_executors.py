@@ -133,6 +133,20 @@ def test_a_waiting_task_can_be_cancelled(parallel_pool: Pool, tmp_path_factory: 
     assert parallel_pool.submit(tasks.double, 2).result(30) == 4
 
 
+def test_a_running_task_that_is_cancelled_makes_room_at_once(
+    parallel_pool: Pool, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    gates = [tasks.Gate(tmp_path_factory.mktemp("gate")) for _ in range(2)]
+    running = [parallel_pool.submit(tasks.wait_at_gate, gate) for gate in gates]
+    eventually(lambda: all(gate.entered.exists() for gate in gates))
+    assert not running[0].cancel()
+    assert isinstance(running[0].exception(30), WorkerLostError | CancelledError)
+    assert parallel_pool.submit(tasks.double, 2).result(30) == 4
+    assert not running[1].done(), "only the one that was meant"
+    gates[1].opened.touch()
+    running[1].result(30)
+
+
 def test_submitting_from_many_threads_loses_nothing(parallel_pool: Pool) -> None:
     results: list[int] = []
     lock = threading.Lock()

@@ -11,13 +11,15 @@ from app.engine.errors import InputError, MapError
 from app.engine.geodesy import TangentPlane
 from app.engine.localization.registry import create_tracker
 from app.engine.mapping import NewWalk, build_map
-from app.engine.types import DeviceCalibration, FixKind, GridMap, ImuSamples, MapBuildSettings, Prior, Segment
+from app.engine.types import DeviceCalibration, FixKind, GridMap, ImuSamples, MapBuildSettings, Prior, Progress, Segment
 from app.services.aids import Recording
-from app.services.tasks import BuildSpec, LocateSpec, MapRef, SmoothSpec
+from app.services.tasks import BuildSpec, LocateSpec, MapRef, ReplaySpec, SmoothSpec
+from app.storage.checkpoints import FileCheckpoints
 from app.storage.map_cache import open_map
 from app.workers.bootstrap import warm_up
+from app.workers.placing import content_key
 from app.workers.processes import ProcessExecutor
-from app.workers.tasks import BuildMap, LocateSegment, OpenMaps, SmoothSession, SpecMaps
+from app.workers.tasks import BuildMap, LocateSegment, OpenMaps, ReplaySession, SmoothSession, SpecMaps
 from tests.e2e.synthetic import EXTENT, survey_walks, trip
 from tests.support.builders import all_aids, samples
 from tests.workers.conftest import type_makes
@@ -223,6 +225,78 @@ def test_building_reports_progress_and_time() -> None:
     assert seen
     assert seen == sorted(seen)
     assert 0 <= seen[0] <= seen[-1] <= 1
+
+
+class Cut(Exception):
+    """The worker dies here."""
+
+
+def cut_at(fraction: float) -> Progress:
+    def progress(done: float, text: str) -> None:
+        if done > fraction:
+            raise Cut
+
+    return progress
+
+
+def test_an_interrupted_build_goes_on_with_kriging(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    walks = tuple(NewWalk(walk.survey(f"wlk_{i}")) for i, walk in enumerate(survey_walks()))
+    spec = BuildSpec(LEVEL, walks, MapBuildSettings(extent=EXTENT))
+    whole = BuildMap(Shelf({}, []).open)(spec, no_progress).build
+    build = BuildMap(Shelf({}, []).open, FileCheckpoints(tmp_path))
+    for cut in (0.1, 0.5):
+        with pytest.raises(Cut):
+            build(spec, cut_at(cut))
+    assert len(list(tmp_path.iterdir())) == 1, "what was cut short while it placed walks left nothing"
+    with monkeypatch.context() as patch:
+        patch.setattr("app.workers.placing.place_walks", lambda *_, **__: pytest.fail("placed once more"))
+        patch.setattr("app.engine.mapping.builder.place_walks", lambda *_, **__: pytest.fail("placed once more"))
+        resumed = build(spec, no_progress).build
+    np.testing.assert_array_equal(resumed.grid_map.mean, whole.grid_map.mean)
+    np.testing.assert_array_equal(resumed.grid_map.sd, whole.grid_map.sd)
+    assert resumed.walks == whole.walks
+    assert list(tmp_path.iterdir()) == [], "a build that is through leaves nothing"
+
+
+def test_other_walks_are_another_build() -> None:
+    """Any sample, label or walk that differs, and whether walks are aligned; not the settings of the grid."""
+    walks = [walk.survey(f"wlk_{i}") for i, walk in enumerate(survey_walks())]
+    key = content_key(walks, align=True)
+    samples = walks[0].samples
+    mag = samples.mag.copy()
+    mag[-1, 2] += 1e-9
+    waypoints = replace(walks[0].waypoints, x=walks[0].waypoints.x + 0.5)
+    others = [
+        walks[1:],
+        [replace(walks[0], samples=replace(samples, mag=mag)), *walks[1:]],
+        [replace(walks[0], waypoints=waypoints), *walks[1:]],
+        [replace(walks[0], device_heading=0.5), *walks[1:]],
+        [replace(walks[0], walk_id="wlk_other"), *walks[1:]],
+    ]
+    assert content_key(list(walks), align=True) == key
+    keys = {key, content_key(walks, align=False), *(content_key(other, align=True) for other in others)}
+    assert len(keys) == len(others) + 2
+
+
+@pytest.mark.parametrize("method", ["particle", "dead_reckoning"])
+def test_a_replay_on_the_map_of_then_tells_what_was_told_then(grid_map: GridMap, method: str) -> None:
+    shelf = Shelf({ref(0).path: grid_map, ref(1).path: grid_map}, [])
+    locate, state, told = LocateSegment(shelf.open), None, []
+    for spec in specs(n=6):
+        result = locate(replace(spec, method=method, state=state), no_progress)
+        state = result.state
+        told += result.fixes
+    first = specs(n=6)[0]
+    segments = tuple(spec.segment for spec in specs(n=6))
+    again = ReplaySpec(method, first.parameters, first.prior, first.seed, segments, first.maps)
+    assert ReplaySession(shelf.open)(again, no_progress).fixes == tuple(told)
+    if method == "particle":
+        mean = grid_map.mean.copy()
+        mean += np.random.default_rng(3).normal(0.0, 4.0, mean.shape).astype(np.float32)
+        other = Shelf({ref(2).path: replace(grid_map, mean=mean)}, [])
+        elsewhere = ReplaySession(other.open)(replace(again, maps=(ref(2),)), no_progress).fixes
+        assert elsewhere != tuple(told)
+        assert [fix.t for fix in elsewhere] == [fix.t for fix in told]
 
 
 def test_warming_up_twice_is_fine() -> None:

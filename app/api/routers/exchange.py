@@ -23,7 +23,7 @@ from app.api.schemas.exchange import FieldChannel, FieldUnit, Line
 from app.api.schemas.maps import MapOut
 from app.exchange.maps import DEFAULT_SD, FORMATS, ImportChoices, MapFormat
 from app.services.exchange import FileTexts, MapExport
-from app.services.records import ApiKey, Scope
+from app.services.records import Scope
 
 router = api_router("exchange")
 
@@ -171,11 +171,11 @@ async def import_map(
     """
     require_media_type(request, *FILE_TYPES)
     content = await read_body(request, context.settings.max_body_bytes)
-    work = partial(_import_map, context, level_id, content, wanted, key)
+    work = partial(_import_map, context, level_id, content, wanted, key_id=key.id)
     return await anyio.to_thread.run_sync(work, limiter=context.uploads)
 
 
-def _import_map(context: ContextDep, level_id: str, content: bytes, wanted: _Import, key: ApiKey) -> Response:
+def _import_map(context: ContextDep, level_id: str, content: bytes, wanted: _Import, *, key_id: str) -> Response:
     info = context.services.exchange.import_map(
         level_id,
         content,
@@ -183,7 +183,7 @@ def _import_map(context: ContextDep, level_id: str, content: bytes, wanted: _Imp
         choices=wanted.choices,
         texts=wanted.texts,
         publish=wanted.publish,
-        key_id=key.id,
+        key_id=key_id,
     )
     return Response(
         MapOut.of(info).model_dump_json(),

@@ -129,13 +129,18 @@ class SqlMapRepository(Repository):
 
     def reports(self, map_id: str) -> Mapping[str, WalkReport]:
         """Reports about the walks of a version by walk id: of its build, and of the updates since."""
-        columns = (maps.c.id, maps.c.parent_id, maps.c.kind, maps.c.walks)
+        columns = (maps.c.id, maps.c.parent_id, maps.c.kind, maps.c.walks, maps.c.removed)
         rows = self._read(select(*columns).where(maps.c.level_id == self.get(map_id).level_id))
         versions = {row.id: row for row in rows}
         chain = [versions[map_id]]
         while chain[-1].kind == MapKind.UPDATE and chain[-1].parent_id is not None:
             chain.append(versions[chain[-1].parent_id])
-        return {report.walk_id: report for version in reversed(chain) for report in map(_report, version.walks)}
+        reports: dict[str, WalkReport] = {}
+        for version in reversed(chain):
+            for walk_id in version.removed or ():
+                reports.pop(walk_id, None)
+            reports |= {report.walk_id: report for report in map(_report, version.walks)}
+        return reports
 
     def get(self, map_id: str) -> MapInfo:
         """One map version, without its tiles."""
