@@ -17,13 +17,15 @@ from app.engine.geodesy import TangentPlane
 from app.engine.types import Float64Array, ImuSamples, IntArray, SurveyWalk, Waypoints
 from app.exchange.maps.text import lines_of
 from app.exchange.surveys.headers import SENSORS, Columns, columns_of
-from app.exchange.surveys.recording import Findings, Recording, enough, placed, rising, walks_of
+from app.exchange.surveys.recording import MAX_VALUE, Findings, Recording, enough, placed, rising, walks_of
 from app.exchange.surveys.units import CLOCKS, QUANTITIES, to_engine, to_seconds, unit_of
 
 MAX_ROWS = 1_000_000
 """Rows of one file: five hours at 50 Hz, 100 MB in memory."""
 MAX_LINE = 64 * 1024
 _DELIMITERS = (",", ";", "\t", "|")
+MAX_TIME = 1e20
+"""Nanoseconds since 1970 are 2e18."""
 _RESTART_S = 1.0
 """A clock that runs back by more begins another recording."""
 _MAX_WALKS = 10_000
@@ -191,7 +193,7 @@ def _cell(text: str, number: int, *, comma: bool) -> float:
         raise InputError(
             f"line {number}", f"has {plain[:30]!r} where a number should be; correct or remove it"
         ) from error
-    return value if math.isfinite(value) else math.nan
+    return value if abs(value) <= MAX_VALUE else math.nan
 
 
 def _time(table: _Table, text: str, number: int, *, comma: bool) -> float:
@@ -200,7 +202,7 @@ def _time(table: _Table, text: str, number: int, *, comma: bool) -> float:
         value = float(text.replace(",", ".") if comma else text)
     except ValueError:
         value = _date(table, text.strip('"'))
-    if not math.isfinite(value):
+    if not abs(value) <= MAX_TIME:
         raise InputError(f"line {number}", f"has the time {text[:30]!r}; send a number, or ISO 8601")
     return value
 

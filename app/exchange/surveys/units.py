@@ -32,7 +32,7 @@ QUANTITIES: Mapping[str, Quantity] = {
     "mag": Quantity(
         "magnetic field", {"ut": 1.0, "nt": 1e-3, "gauss": 100.0, "mt": 1e3, "t": 1e6, "mgauss": 0.1}, (12.0, 200.0)
     ),
-    "acc": Quantity("acceleration", {"m/s2": 1.0, "g": _G, "mg": 1e-3 * _G}, (7.0, 14.0)),
+    "acc": Quantity("acceleration", {"m/s2": 1.0, "g": _G, "mg": 1e-3 * _G}, (5.0, 16.0)),
     # walkers turn at 0.02 to 2.5 rad/s (median of 5 s); in deg/s these are 1 to 145
     "gyro": Quantity(
         "rotation rate", {"rad/s": 1.0, "deg/s": np.pi / 180.0, "mdeg/s": 1e-3 * np.pi / 180.0}, (0.0, 2.7)
