@@ -18,17 +18,18 @@ from app.services.clock import utc_now
 from app.services.container import build_services
 from app.services.tasks import LocateTask
 from app.settings import PoolKind, Settings
+from app.storage.checkpoints import FileCheckpoints
 from app.storage.database import Database
 from app.storage.map_cache import FileMapCache, open_map
 from app.telemetry import Metrics, configure_logging
 from app.workers.bootstrap import warm_up, worker_context
 from app.workers.broker import JobBroker
 from app.workers.events import JobEvents
-from app.workers.kinds import build_work, segment_work
+from app.workers.kinds import build_work, contribute_work, segment_work
 from app.workers.pools import InlineExecutor, ThreadExecutor
 from app.workers.processes import ProcessExecutor
 from app.workers.runner import JobRunner, Lane
-from app.workers.tasks import LocateSegment, SmoothSession, build_level_map
+from app.workers.tasks import BuildMap, ContributeSession, LocateSegment, ReplaySession, SmoothSession
 
 Pool = InlineExecutor | ThreadExecutor | ProcessExecutor
 
@@ -86,6 +87,7 @@ class Application:
             listener=events,
             locate_task=locate,
             smooth_task=SmoothSession(open_map, settings.maps_per_worker),
+            replay_task=ReplaySession(open_map, settings.maps_per_worker),
             max_queued=settings.max_queued_jobs,
         )
         self.runner = self._make_runner(events, locate)
@@ -158,9 +160,14 @@ class Application:
         processing, metrics = self.services.processing, self.metrics
         capacity = self.settings.workers + _SPARE_JOBS
         segments = segment_work(processing, self.segment_pool, locate, capacity=capacity, metrics=metrics)
-        builds = build_work(processing, self.build_pool, build_level_map, capacity=1, metrics=metrics)
+        build = BuildMap(open_map, FileCheckpoints(self.settings.checkpoint_dir))
+        builds = build_work(processing, self.build_pool, build, capacity=1, metrics=metrics)
+        offers = contribute_work(
+            processing, self.build_pool, ContributeSession(open_map, self.settings.maps_per_worker), metrics=metrics
+        )
         return JobRunner(
             {
+                offers.kind: Lane(offers, processing=processing, listener=events, metrics=metrics),
                 segments.kind: Lane(segments, processing=processing, listener=events, metrics=metrics),
                 builds.kind: Lane(builds, processing=processing, listener=events, metrics=metrics),
             }

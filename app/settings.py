@@ -86,6 +86,11 @@ class Settings(BaseSettings):
         return self.data_dir / "maps"
 
     @property
+    def checkpoint_dir(self) -> Path:
+        """What builds of maps go on from after an interruption."""
+        return self.data_dir / "checkpoints"
+
+    @property
     def kernel_cache_dir(self) -> Path:
         """Compiled kernels."""
         return self.data_dir / "kernels"

@@ -184,7 +184,8 @@ PROBLEM_OF: Mapping[type[Exception], ProblemType] = {
     service.SequenceConflictError: SEQUENCE_CONFLICT,
     service.SequenceGapError: SEQUENCE_GAP,
     service.SessionClosedError: SESSION_CLOSED,
-    service.NotSmoothableError: CONFLICT,
+    service.UnfitSessionError: CONFLICT,
+    service.NoEvidenceError: CONFLICT,
     service.InvalidError: INVALID,
     service.NoMapError: NO_MAP,
     service.ForbiddenError: FORBIDDEN,
@@ -294,7 +295,7 @@ def _of_http_exception(error: HTTPException) -> Problem:
 def _errors_in(error: Exception) -> tuple[FieldError, ...]:
     if isinstance(error, RejectedError):
         return error.errors
-    if isinstance(error, service.InvalidError | service.NotSmoothableError):
+    if isinstance(error, service.InvalidError | service.UnfitSessionError | service.NoEvidenceError):
         return (FieldError(error.field, error.message, error.remedy),)
     if isinstance(error, InputError):
         return (FieldError(error.field, error.message, "see docs/api.md for what this field takes"),)

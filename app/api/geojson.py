@@ -6,11 +6,25 @@ import math
 from collections.abc import Iterable, Sequence
 from typing import Any
 
+from fastapi import Request
+
 from app.api.schemas.fixes import ellipse95, heading_deg, hypothesis_object, t_ms
 from app.engine.geodesy import TangentPlane
 from app.services.records import Anchor, Position
 
 GEO_JSON = "application/geo+json"
+
+
+def wants_geo_json(request: Request) -> bool:
+    """Whether GeoJSON is preferred: named, and not behind plain JSON."""
+    ranks: dict[str, float] = {}
+    for item in request.headers.get("accept", "").split(","):
+        name, _, parameters = item.partition(";")
+        key, _, value = parameters.strip().partition("=")
+        weighted = key.strip() == "q" and value.strip().replace(".", "", 1).isdigit()
+        ranks[name.strip().lower()] = float(value) if weighted else 1.0
+    geo = ranks.get(GEO_JSON, 0.0)
+    return geo > 0 and geo >= ranks.get("application/json", 0.0)
 
 
 def feature_collection(positions: Sequence[Position], anchor: Anchor, next_cursor: str | None) -> dict[str, Any]:

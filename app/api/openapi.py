@@ -63,7 +63,7 @@ def document(app: FastAPI) -> dict[str, Any]:
         for operation in operations.values():
             _drop_fastapi_validation(operation["responses"])
     for name, method, access in _declared(app):
-        described["paths"][name][method]["x-isodyn-scope"] = access
+        described["paths"][name.replace(":path}", "}")][method]["x-isodyn-scope"] = access
     for unused in ("HTTPValidationError", "ValidationError"):
         schemas.pop(unused, None)
     return described

@@ -12,6 +12,7 @@ from PIL import Image
 from app.api.colours import COLOURS, N_COLOURS
 from app.api.errors import RejectedError
 from app.api.validation import FieldError
+from app.engine.mapping.components import magnitude
 from app.engine.types import BoolArray, FeatureSet, Float32Array, GridMap
 
 
@@ -82,9 +83,7 @@ def field(grid: GridMap, channel: Channel, statistic: Statistic) -> Float32Array
                 )
             ]
         )
-    mean = grid.mean[list(parts)]
-    norm = np.sqrt((mean**2).sum(axis=0)) if len(parts) > 1 else mean[0]
-    values = norm if statistic is Statistic.MEAN else _norm_sd(mean, grid.sd[list(parts)], norm)
+    values = magnitude(grid.mean[list(parts)], grid.sd[list(parts)])[0 if statistic is Statistic.MEAN else 1]
     shown_values: Float32Array = np.where(grid.mapped, values, np.float32(np.nan)).astype(np.float32)
     return shown_values
 
@@ -106,6 +105,22 @@ def png(values: Float32Array, shown: ColourRange) -> bytes:
     pixels[..., :3] = COLOURS[np.round(share * (N_COLOURS - 1)).astype(np.intp)]
     pixels[..., 3] = np.where(known, 255, 0)
     return _encode(np.ascontiguousarray(pixels[::-1]))
+
+
+def place_headers(shape: tuple[int, int], x0: float, y0: float, cell_m: float) -> dict[str, str]:
+    """Where a raster lies: headers beside its values."""
+    return {
+        "X-Isodyn-Rows": str(shape[0]),
+        "X-Isodyn-Columns": str(shape[1]),
+        "X-Isodyn-X0": repr(float(x0)),
+        "X-Isodyn-Y0": repr(float(y0)),
+        "X-Isodyn-Cell-M": repr(float(cell_m)),
+    }
+
+
+def legend(shown: ColourRange) -> dict[str, str]:
+    """What the colours mean: headers beside an image."""
+    return {"X-Isodyn-Low": f"{shown.low:.6g}", "X-Isodyn-High": f"{shown.high:.6g}"}
 
 
 def coverage_png(mapped: BoolArray) -> bytes:
@@ -139,17 +154,6 @@ def png_size(data: bytes) -> tuple[int, int] | None:
     except (OSError, SyntaxError, ValueError, Image.DecompressionBombError):
         return None
     return size
-
-
-def _norm_sd(mean: Float32Array, sd: Float32Array, norm: Float32Array) -> Float32Array:
-    if len(mean) == 1:
-        only: Float32Array = sd[0]
-        return only
-    with np.errstate(invalid="ignore", divide="ignore"):
-        slope_sd = np.sqrt(((mean * sd) ** 2).sum(axis=0)) / norm
-    # At a zero of the field no direction is singled out: the mean of the components' variances.
-    flat: Float32Array = np.where(norm > 0, slope_sd, np.sqrt((sd**2).mean(axis=0)))
-    return flat
 
 
 def _encode(pixels: np.ndarray[tuple[int, ...], np.dtype[np.uint8]]) -> bytes:

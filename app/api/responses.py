@@ -44,6 +44,18 @@ ALWAYS = (errors.UNAUTHORIZED, errors.FORBIDDEN, errors.RATE_LIMITED)
 OBJECT = (errors.MALFORMED_BODY, errors.BODY_TOO_LARGE, errors.UNSUPPORTED_MEDIA_TYPE, errors.INVALID)
 """Problems of every call with a body."""
 
+RASTER_HEADERS: dict[str, Any] = {
+    "ETag": {"schema": {"type": "string"}},
+    "X-Isodyn-Rows": {"schema": {"type": "integer"}},
+    "X-Isodyn-Columns": {"schema": {"type": "integer"}},
+    "X-Isodyn-X0": {"schema": {"type": "number"}, "description": "Of node [0, 0], m."},
+    "X-Isodyn-Y0": {"schema": {"type": "number"}},
+    "X-Isodyn-Cell-M": {"schema": {"type": "number"}},
+    "X-Isodyn-Low": {"schema": {"type": "number"}, "description": "Value of the first colour (PNG)."},
+    "X-Isodyn-High": {"schema": {"type": "number"}, "description": "Value of the last colour (PNG)."},
+}
+"""What every answer with a raster says about it."""
+
 NOT_MODIFIED: Responses = {304: {"description": "The caller has this version already (`If-None-Match`)."}}
 
 RAW_MODELS: dict[str, type[BaseModel]] = {}

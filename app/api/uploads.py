@@ -73,6 +73,7 @@ def new_walk(upload: WalkIn, extent: Extent, now: datetime) -> NewWalk:
         wifi=wifi,
         device_id=upload.device_id,
         ble=ble,
+        calibration_epoch=upload.calibration_epoch,
     )
 
 

@@ -14,7 +14,9 @@ from app.cli.common import NAMED, Key, connect, progress_bars, reported
 
 if TYPE_CHECKING:
     from app.engine.types import Progress
+    from app.evaluation.crowd import CrowdReport
     from app.evaluation.drivers import Transport
+    from app.evaluation.fleet import FleetReport
     from app.evaluation.kaist import KaistReport
     from app.evaluation.papers.report import PapersReport
     from app.evaluation.protocol import EvaluationOptions
@@ -172,6 +174,80 @@ def uji(
     publish(with_progress(lambda progress: run_uji(options, progress)), json_file)
 
 
+@app.command("crowd")
+@reported
+def crowd(
+    data: Annotated[Path, typer.Option(help="Folder that holds ilc20/<site>-<floor>/ (or that folder itself).")],
+    levels: Annotated[
+        str,
+        typer.Option(help="Names separated by commas, such as site1-F2,site1-B1.", show_default="all that are found"),
+    ] = "",
+    rounds: Annotated[
+        int, typer.Option(min=1, help="Times that the sessions are located anew on the map they have made.")
+    ] = 2,
+    aids: Annotated[
+        str, typer.Option(help="Readings that survey and sessions bring besides: none, wifi, ble or wifi,ble.")
+    ] = "none",
+    left_out: Annotated[
+        float | None,
+        typer.Option(help="Score this share of the train walks, kept out of all maps, in place of the test walks."),
+    ] = None,
+    json_file: JsonFile = None,
+    limit: Annotated[int | None, typer.Option(min=1, help="At most so many scored walks a level.")] = None,
+    seed: Annotated[int, typer.Option(help="Another number shares the walks out otherwise.")] = 0,
+) -> None:
+    """See what a map gains by its users: a third of the survey, then the rest of the walks without their waypoints.
+
+    The other two thirds come as sessions of users who opted in, each begun within 3 m of a known place. They are
+    located on the map, contribute where they are sure, are weighed against one another, and the map is made anew. Test
+    walks are tracked on three maps: of the third, of the crowd, and of the full survey.
+
+    Example:  isodyn evaluate crowd --data DIR --levels site1-F2 --json crowd.json
+    """
+    from app.evaluation.crowd import CrowdOptions, run_crowd
+    from app.evaluation.protocol import Aids
+
+    options = CrowdOptions(
+        data=data,
+        levels=tuple(name.strip() for name in levels.split(",") if name.strip()),
+        rounds=rounds,
+        aids=Aids.parse(aids),
+        left_out=left_out,
+        limit=limit,
+        seed=seed,
+    )
+    publish(with_progress(lambda progress: run_crowd(options, progress)), json_file)
+
+
+@app.command("fleet")
+@reported
+def fleet(
+    data: Annotated[Path, typer.Option(help="Folder that holds ilc20/<site>-<floor>/ (or that folder itself).")],
+    levels: Annotated[
+        str,
+        typer.Option(help="Names separated by commas, such as site1-F2,site1-B1.", show_default="all that are found"),
+    ] = "",
+    folds: Annotated[int, typer.Option(min=2, help="Parts in which the train walks are left out.")] = 4,
+    track: Annotated[
+        bool, typer.Option("--track/--no-track", help="Replay the left-out walks, or compare offsets only.")
+    ] = True,
+    json_file: JsonFile = None,
+    method: Method = "",
+) -> None:
+    """Tell what it is worth to know a phone: start-up offset and first ten seconds of left-out train walks.
+
+    Walks of the train split are left out in turn; the others build the map and teach their phones. A left-out walk then
+    starts with nothing, with what its model's other phones have in common, and with its own phone's memory too.
+
+    Example:  isodyn evaluate fleet --data DIR --levels site1-F2 --json fleet.json
+    """
+    from app.evaluation.fleet import FleetOptions, run_fleet
+
+    wanted = tuple(name.strip() for name in levels.split(",") if name.strip())
+    options = FleetOptions(data=data, levels=wanted, folds=folds, track=track, method=method)
+    publish(with_progress(lambda progress: run_fleet(options, progress)), json_file)
+
+
 @app.command("papers")
 @reported
 def papers(
@@ -239,7 +315,9 @@ def with_progress(work: Callable[[Progress], R]) -> R:
         return work(lambda fraction, text: bars.update(bar, completed=fraction, text=text))
 
 
-def publish(report: Report | KaistReport | UjiReport | PapersReport, json_file: Path | None) -> None:
+def publish(
+    report: Report | CrowdReport | FleetReport | KaistReport | UjiReport | PapersReport, json_file: Path | None
+) -> None:
     """Write the report, print its table."""
     if json_file:
         json_file.parent.mkdir(parents=True, exist_ok=True)

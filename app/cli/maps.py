@@ -57,11 +57,14 @@ def build(
         bool,
         typer.Option(help="Align walks with one another; not for calibrated devices along lines that hardly cross."),
     ] = True,
+    draft: Annotated[
+        bool, typer.Option("--draft", help="Only build it; publish it later with `isodyn map publish`.")
+    ] = False,
     survey: Annotated[list[str] | None, typer.Option(help="Only from these surveys; may be repeated.")] = None,
     url: Url = DEFAULT_URL,
     key: Key = None,
 ) -> None:
-    """Build a map of a level from its survey walks; it becomes the level's current map. Prints its id.
+    """Build a map of a level from its survey walks; it becomes the current one, unless it is a draft. Prints its id.
 
     Example:  isodyn map build lvl_... --cell 0.5
     """
@@ -74,8 +77,30 @@ def build(
             cell_m=cell,
             mapped_m=mapped,
             align=align,
+            publish=not draft,
             timeout=3600.0,
             progress=lambda job: bars.update(bar, completed=job.progress, text=job.progress_text),
+        )
+        bars.update(bar, completed=1.0, text=f"version {info.version}, {info.build_s:.1f} s")
+    typer.echo(info.id)
+
+
+@app.command("update")
+@reported
+def update(
+    level: Annotated[str, typer.Argument(help="Id of the level (lvl_...).")], url: Url = DEFAULT_URL, key: Key = None
+) -> None:
+    """Bring a level's map up to date: add walks uploaded since, take out those deleted. Prints the new map's id.
+
+    Only what these walks touch is computed anew, which takes a second or so; what was fitted to the level (covariance,
+    noise) stays until the next build.
+
+    Example:  isodyn map update lvl_...
+    """
+    with connect(url, key) as client, progress_bars() as bars:
+        bar = bars.add_task("updating the map", total=1.0, text="")
+        info = client.update_map(
+            level, progress=lambda job: bars.update(bar, completed=job.progress, text=job.progress_text)
         )
         bars.update(bar, completed=1.0, text=f"version {info.version}, {info.build_s:.1f} s")
     typer.echo(info.id)

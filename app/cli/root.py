@@ -6,7 +6,23 @@ from typing import Annotated
 
 import typer
 
-from app.cli import bench, database, demo, evaluate, exchange, keys, locate, maps, replay, serve, surveys
+from app.cli import (
+    bench,
+    contributions,
+    database,
+    demo,
+    evaluate,
+    exchange,
+    keys,
+    locate,
+    maps,
+    planning,
+    replay,
+    serve,
+    sessions,
+    surveys,
+    versions,
+)
 from app.cli.common import NAMED
 
 app = typer.Typer(
@@ -26,8 +42,15 @@ surveys.app.command("import")(exchange.import_survey)
 maps.app.command("import")(exchange.import_map)
 app.add_typer(surveys.app, name="survey")
 app.add_typer(maps.app, name="map")
+app.add_typer(contributions.app, name="contributions")
+for _command in (versions.publish, versions.rollback, versions.history, versions.sources, versions.diff):
+    maps.app.command(_command.__name__)(_command)
+maps.app.command("quality")(planning.quality)
+maps.app.command("suggest")(planning.suggest)
+maps.app.command("forecast")(planning.forecast)
 app.command("locate")(locate.locate)
 app.command("replay")(replay.replay)
+app.add_typer(sessions.app, name="session")
 app.add_typer(evaluate.app, name="evaluate")
 app.add_typer(bench.app, name="bench")
 app.add_typer(keys.app, name="keys")

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
 from app.cli.common import DEFAULT_URL, NAMED, Key, Url, connect, print_table, progress_bars, reported
+
+if TYPE_CHECKING:
+    from isodyn_client import Client
 
 app = typer.Typer(
     context_settings=NAMED, no_args_is_help=True, help="Create levels, upload survey walks, list what is there."
@@ -138,23 +141,48 @@ def list_surveys(
 @reported
 def list_levels(
     venue: Annotated[str | None, typer.Option(help="Only levels of this venue.")] = None,
+    near: Annotated[
+        str | None, typer.Option(help="Only levels near LATITUDE,LONGITUDE (degrees), nearest first.")
+    ] = None,
+    radius: Annotated[float | None, typer.Option(help="How near, metres.", show_default="1000")] = None,
+    name: Annotated[str | None, typer.Option(help="Only levels with these words in their or their venue's name.")] = (
+        None
+    ),
+    storey: Annotated[int | None, typer.Option(help="Only levels of this height order; 0 is the ground floor.")] = None,
     url: Url = DEFAULT_URL,
     key: Key = None,
 ) -> None:
     """List levels with the id of the map that new sessions use.
 
-    Example:  isodyn survey levels
+    Venues without an anchor, and their levels, are not found by place.
+
+    Example:  isodyn survey levels --near 48.1507,11.5691 --radius 500
     """
+    place = None if near is None else _place(near)
     with connect(url, key) as client:
-        names = {venue.id: venue.name for venue in client.venues()}
+        names: dict[str, str] = {}
         rows = [
             (
                 one.id,
-                f"{names.get(one.venue_id, one.venue_id)} / {one.name}",
+                f"{_venue_name(client, one.venue_id, names)} / {one.name}",
                 one.ordinal,
                 f"{one.extent.x_max - one.extent.x_min:.0f} x {one.extent.y_max - one.extent.y_min:.0f} m",
                 one.current_map_id or "no map yet",
             )
-            for one in client.levels(venue_id=venue)
+            for one in client.levels(venue_id=venue, near=place, radius_m=radius, q=name, ordinal=storey)
         ]
     print_table(("level", "venue / level", "storey", "extent", "map"), rows, empty="no levels yet")
+
+
+def _place(text: str) -> tuple[float, float]:
+    try:
+        latitude, longitude = map(float, text.split(","))
+    except ValueError as error:
+        raise typer.BadParameter("give LATITUDE,LONGITUDE in degrees", param_hint="--near") from error
+    return latitude, longitude
+
+
+def _venue_name(client: Client, venue_id: str, names: dict[str, str]) -> str:
+    if venue_id not in names:
+        names[venue_id] = client.venue(venue_id).name
+    return names[venue_id]

@@ -18,6 +18,61 @@ _SECOND_E2 = _E2 / (1 - _E2)
 
 _LEAST_COSINE = 0.5
 """Farther round the earth than this (60 degrees) a tangent plane stands for nothing."""
+_POLAR_DEG = 89.0
+"""Nearer to a pole than this a box of longitudes tells nothing."""
+
+
+@dataclass(frozen=True, slots=True)
+class GeoBox:
+    """A rectangle of latitude and longitude, degrees, WGS 84.
+
+    Attributes
+    ----------
+    south_deg, north_deg : float
+    west_deg, east_deg : float
+        ``west_deg`` is in [-180, 180), ``east_deg`` not less: beyond 180 for a box across the antimeridian.
+    """
+
+    south_deg: float
+    west_deg: float
+    north_deg: float
+    east_deg: float
+
+    @classmethod
+    def around(cls, latitude_deg: float, longitude_deg: float, radius_m: float) -> GeoBox:
+        """The box that holds a disc on the ellipsoid; the whole circle of longitudes where the disc holds a pole."""
+        north_m, _ = metres_per_degree(latitude_deg)
+        reach = 1.01 * radius_m / north_m  # a degree is longer nearer to the poles, by 1 % from the equator to there
+        south, north = max(latitude_deg - reach, -90.0), min(latitude_deg + reach, 90.0)
+        farthest = max(abs(south), abs(north))
+        if farthest > _POLAR_DEG:
+            return cls(south, -180.0, north, 180.0)
+        wide = reach / math.cos(math.radians(farthest))
+        return cls(south, _turned(longitude_deg - wide), north, _turned(longitude_deg - wide) + 2.0 * wide)
+
+    def union(self, other: GeoBox) -> GeoBox:
+        """The smallest box that holds both."""
+        south, north = min(self.south_deg, other.south_deg), max(self.north_deg, other.north_deg)
+        wests = []
+        for first, second in ((self, other), (other, self)):
+            ahead = (second.west_deg - first.west_deg) % 360.0
+            wide = max(first.east_deg - first.west_deg, ahead + second.east_deg - second.west_deg)
+            wests.append((wide, first.west_deg))
+        wide, west = min(wests)
+        return GeoBox(south, -180.0, north, 180.0) if wide >= 360.0 else GeoBox(south, west, north, west + wide)
+
+
+def metres_per_degree(latitude_deg: float) -> tuple[float, float]:
+    """Metres that a degree of latitude and one of longitude measure on the ellipsoid at a latitude."""
+    sine, cosine = math.sin(math.radians(latitude_deg)), math.cos(math.radians(latitude_deg))
+    normal = _A / math.sqrt(1 - _E2 * sine**2)
+    meridian = normal * (1 - _E2) / (1 - _E2 * sine**2)
+    return math.radians(meridian), math.radians(normal * cosine)
+
+
+def _turned(longitude_deg: float) -> float:
+    """The same longitude in [-180, 180)."""
+    return (longitude_deg + 180.0) % 360.0 - 180.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,6 +104,22 @@ class TangentPlane:
         east = x * math.cos(bearing) + y * math.sin(bearing)
         north = y * math.cos(bearing) - x * math.sin(bearing)
         return _to_degrees(*self._earth_centred(east, north))
+
+    def bounds(self, x_min: float, y_min: float, x_max: float, y_max: float) -> GeoBox:
+        """The box of a rectangle of the plane.
+
+        Corners and middles of the sides are looked at: between them a side of 20 km leaves the box by a few metres, and
+        nearer than a degree to a pole the box takes all longitudes.
+        """
+        x_mid, y_mid = 0.5 * (x_min + x_max), 0.5 * (y_min + y_max)
+        edge = [(x, y) for x in (x_min, x_mid, x_max) for y in (y_min, y_mid, y_max)]
+        places = [self.to_wgs84(x, y) for x, y in edge]
+        south, north = min(lat for _, lat in places), max(lat for _, lat in places)
+        if max(abs(south), abs(north)) > _POLAR_DEG:
+            return GeoBox(-90.0 if south < 0 else south, -180.0, 90.0 if north > 0 else north, 180.0)
+        turns = [_turned(lon - self.longitude_deg) for lon, _ in places]
+        west = _turned(self.longitude_deg + min(turns))
+        return GeoBox(south, west, north, west + max(turns) - min(turns))
 
     def arrays_to_wgs84(self, x: Float64Array, y: Float64Array) -> tuple[Float64Array, Float64Array]:
         """Longitude and latitude, degrees, of points of the plane; arrays of one shape. :meth:`to_wgs84` of each."""

@@ -6,6 +6,8 @@ from dataclasses import dataclass
 
 from app.services.accounts import AccountService
 from app.services.clock import Clock
+from app.services.contributions import ContributionService
+from app.services.device_models import DeviceModelService
 from app.services.devices import DeviceService
 from app.services.exchange import ExchangeService
 from app.services.idempotency import IdempotencyService
@@ -13,14 +15,18 @@ from app.services.jobs import JobService
 from app.services.locate import LocateService
 from app.services.maps import MapService
 from app.services.methods import MethodCheck, check_method
+from app.services.planning import PlanningService
 from app.services.ports import Executor, JobListener, MapCache, UnitOfWorkFactory
 from app.services.processing import ProcessingService
+from app.services.replays import ReplayService
+from app.services.search import SearchService
 from app.services.sessions import SessionService
 from app.services.stats import StatsService
 from app.services.surveys import SurveyService
-from app.services.tasks import LocateTask, SmoothTask
+from app.services.tasks import LocateTask, ReplayTask, SmoothTask
 from app.services.trajectories import TrajectoryService
 from app.services.venues import VenueService
+from app.services.versions import VersionService
 
 DEFAULT_MAX_QUEUED = 10_000
 
@@ -30,12 +36,18 @@ class Services:
     """The use cases of one process."""
 
     venues: VenueService
+    search: SearchService
     devices: DeviceService
+    device_models: DeviceModelService
     surveys: SurveyService
     maps: MapService
+    contributions: ContributionService
+    versions: VersionService
+    planning: PlanningService
     sessions: SessionService
     locate: LocateService
     trajectories: TrajectoryService
+    replays: ReplayService
     jobs: JobService
     processing: ProcessingService
     accounts: AccountService
@@ -53,24 +65,32 @@ def build_services(
     listener: JobListener,
     locate_task: LocateTask,
     smooth_task: SmoothTask,
+    replay_task: ReplayTask,
     max_queued: int = DEFAULT_MAX_QUEUED,
     check: MethodCheck = check_method,
 ) -> Services:
     """Wire the use cases.
 
-    ``locate_task`` is what workers run for a one-shot location, ``smooth_task`` for a smoothed trajectory
-    (``app.workers.tasks``): the use cases know that they exist, not where they live.
+    ``locate_task`` is what workers run for a one-shot location, ``smooth_task`` for a smoothed trajectory,
+    ``replay_task`` for a replay (``app.workers.tasks``): the use cases know that they exist, not where they live.
     """
+    maps = MapService(uow=uow, clock=clock, cache=cache, listener=listener)
     return Services(
         venues=VenueService(uow=uow, clock=clock),
+        search=SearchService(uow=uow, clock=clock),
         devices=DeviceService(uow=uow, clock=clock),
+        device_models=DeviceModelService(uow=uow, clock=clock),
         surveys=SurveyService(uow=uow, clock=clock),
-        maps=MapService(uow=uow, clock=clock, cache=cache, listener=listener),
+        contributions=ContributionService(uow=uow, clock=clock, listener=listener),
+        versions=VersionService(uow=uow, clock=clock, cache=cache),
+        maps=maps,
+        planning=PlanningService(uow=uow, clock=clock, maps=maps),
         sessions=SessionService(
             uow=uow, clock=clock, cache=cache, listener=listener, max_queued=max_queued, check=check
         ),
         locate=LocateService(uow=uow, clock=clock, executor=executor, cache=cache, task=locate_task, check=check),
         trajectories=TrajectoryService(uow=uow, clock=clock, executor=executor, cache=cache, task=smooth_task),
+        replays=ReplayService(uow=uow, clock=clock, executor=executor, cache=cache, task=replay_task),
         jobs=JobService(uow=uow, clock=clock, listener=listener),
         processing=ProcessingService(uow=uow, clock=clock, cache=cache),
         accounts=AccountService(uow=uow, clock=clock),

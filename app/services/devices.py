@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from app.services.base import DEFAULT_LIMIT, Service, check_limit
+from app.services.device_memory import starting_calibration
 from app.services.ids import new_id
-from app.services.records import Device, DeviceMemory, Page
+from app.services.records import Device, DeviceMemory, Page, StartingCalibration
 
 
 class DeviceService(Service):
@@ -29,6 +30,12 @@ class DeviceService(Service):
         """What sessions taught about a device, per epoch of its magnetometer; the epoch used last first."""
         with self._uow() as uow:
             return uow.devices.memories(device_id)
+
+    def next_start(self, device_id: str) -> StartingCalibration:
+        """What a session of the device would start with now, in the epoch used last."""
+        with self._uow() as uow:
+            memories = uow.devices.memories(device_id)
+            return starting_calibration(uow, device_id, memories[0].epoch if memories else "")
 
     def forget(self, device_id: str) -> None:
         """Forget what sessions taught about a device: the next one starts as with a new device."""

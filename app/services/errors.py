@@ -8,7 +8,10 @@
     │   ├── SequenceConflictError   this ``seq`` was sent before with other content
     │   ├── SequenceGapError        an earlier ``seq`` is missing (says which is expected)
     │   ├── SessionClosedError
-    │   └── NotSmoothableError      the session has no smoothed trajectory (names the field and the remedy)
+    │   └── UnfitSessionError       this cannot be done with the session (names the field and the remedy)
+    │       ├── NotSmoothableError  it has no smoothed trajectory
+    │       └── NotReplayableError  it cannot be replayed on other maps
+    │   ├── NoEvidenceError         the map was stored without what it rests on (says how to get it)
     ├── InvalidError          a field that cannot be accepted (names the field and the remedy)
     ├── NoMapError            the level, or no level of the venue, has a map yet (says how to get one)
     ├── ForbiddenError        the key lacks a scope
@@ -58,14 +61,33 @@ class SessionClosedError(ConflictError):
         super().__init__(f"session {session_id} is closed; open a new session")
 
 
-class NotSmoothableError(ConflictError):
-    """The session's trajectory cannot be smoothed; ``field`` names what of the session stands against it."""
+class UnfitSessionError(ConflictError):
+    """What is asked for cannot be done with the session; ``field`` names what of it stands against it."""
 
     def __init__(self, field: str, message: str, remedy: str) -> None:
         super().__init__(f"{field}: {message}; {remedy}")
         self.field = field
         self.message = message
         self.remedy = remedy
+
+
+class NotSmoothableError(UnfitSessionError):
+    """The session's trajectory cannot be smoothed."""
+
+
+class NotReplayableError(UnfitSessionError):
+    """The session cannot be replayed."""
+
+
+class NoEvidenceError(ConflictError):
+    """The map was stored without the evidence that it rests on, and cannot say where its sources disagree."""
+
+    field = "map_id"
+    remedy = "build the level's map again with POST /v1/maps, and ask of the new version"
+
+    def __init__(self, map_id: str) -> None:
+        self.message = f"map {map_id} was stored without its evidence"
+        super().__init__(f"{self.message}; {self.remedy}")
 
 
 class InvalidError(ServiceError):

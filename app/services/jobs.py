@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from app.services.base import DEFAULT_LIMIT, Service, check_limit
 from app.services.clock import Clock
-from app.services.device_memory import remember_if_over
 from app.services.errors import ConflictError
 from app.services.ports import JobListener, UnitOfWork, UnitOfWorkFactory
 from app.services.records import Job, JobKind, JobState, Page
+from app.services.session_end import end_if_over
 
 CANCELLED = "cancelled on request"
 
@@ -26,14 +28,14 @@ class JobService(Service):
 
     def list(
         self,
-        kind: JobKind | None = None,
+        kinds: Sequence[JobKind] = (),
         state: JobState | None = None,
         cursor: str | None = None,
         limit: int = DEFAULT_LIMIT,
     ) -> Page[Job]:
-        """Jobs, newest first."""
+        """Jobs, newest first; of these kinds only, when any are named."""
         with self._uow() as uow:
-            return uow.jobs.list(kind=kind, state=state, cursor=cursor, limit=check_limit(limit))
+            return uow.jobs.list(kinds=kinds, state=state, cursor=cursor, limit=check_limit(limit))
 
     def cancel(self, job_id: str) -> Job:
         """Cancel a queued or running job; a worker's later answer is dropped.
@@ -58,4 +60,4 @@ def record_segment_failure(uow: UnitOfWork, job: Job, error: str) -> None:
     if job.kind is JobKind.LOCATE_SEGMENT and job.finished_at is not None:
         session_id = str(job.subject["session_id"])
         uow.sessions.record_failure(session_id, int(job.subject["seq"]), error, job.finished_at)
-        remember_if_over(uow, session_id, job.finished_at)
+        end_if_over(uow, session_id, job.finished_at)

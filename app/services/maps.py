@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from datetime import datetime
-
-from app.engine.types import GridMap
+from app.engine.types import Evidence, GridMap
 from app.services.base import DEFAULT_LIMIT, Service, check_limit
 from app.services.clock import Clock
 from app.services.errors import ConflictError, InvalidError, NoMapError
-from app.services.ids import new_id
+from app.services.map_changes import build_job, can_update, changes_of
 from app.services.map_refs import MapRefs
 from app.services.ports import JobListener, MapCache, UnitOfWork, UnitOfWorkFactory
-from app.services.records import Job, JobKind, JobState, MapInfo, NewBuild, Page
+from app.services.records import Job, MapInfo, MapKind, NewBuild, Page
 
 
 class MapService(Service):
@@ -23,13 +21,18 @@ class MapService(Service):
         self._refs = MapRefs(uow=uow, cache=cache)
 
     def request_build(self, new: NewBuild) -> Job:
-        """Queue a build from the level's surveys (or the named ones); ConflictError if they hold no walk."""
+        """Queue a build from the level's surveys (or the named ones), or an update of its current map by what is new.
+
+        ConflictError if there is no walk to build from, or nothing that the current map lacks or has too much.
+        """
         now = self._clock()
-        job = _build_job(new, now)
+        job = build_job(new, now)
         with self._uow(write=True) as uow:
             uow.levels.get(new.level_id)
             _check_surveys(uow, new)
-            if not uow.surveys.count_walks(new.level_id, new.survey_ids):
+            if new.mode is MapKind.UPDATE:
+                _check_update(uow, new)
+            elif not uow.surveys.count_walks(new.level_id, new.survey_ids):
                 raise ConflictError(f"level {new.level_id} has no survey walks; upload walks before building a map")
             uow.jobs.add(job)
             uow.maps.add_build(job.id, new)
@@ -59,6 +62,11 @@ class MapService(Service):
         """The map's arrays, read-only and memory-mapped."""
         return self._refs.grid(map_id)
 
+    def evidence(self, map_id: str) -> Evidence | None:
+        """What the map rests on; None for a map that was stored without it."""
+        with self._uow() as uow:
+            return uow.maps.evidence(map_id)
+
 
 def _check_surveys(uow: UnitOfWork, new: NewBuild) -> None:
     for i, survey_id in enumerate(new.survey_ids):
@@ -68,19 +76,12 @@ def _check_surveys(uow: UnitOfWork, new: NewBuild) -> None:
             )
 
 
-def _build_job(new: NewBuild, now: datetime) -> Job:
-    return Job(
-        id=new_id("job", now),
-        kind=JobKind.BUILD_MAP,
-        state=JobState.QUEUED,
-        order_key=new.level_id,
-        subject={"level_id": new.level_id},
-        attempts=0,
-        progress=0.0,
-        progress_text="",
-        result={},
-        error=None,
-        created_at=now,
-        started_at=None,
-        finished_at=None,
-    )
+def _check_update(uow: UnitOfWork, new: NewBuild) -> None:
+    current = uow.levels.get(new.level_id).current_map_id
+    if current is None:
+        raise NoMapError(level_id=new.level_id)
+    info = uow.maps.get(current)
+    if not can_update(info):
+        raise ConflictError(f"map {current} cannot be updated; build it once more, with the features 'vector'")
+    if not changes_of(uow, new, current):
+        raise ConflictError(f"map {current} is up to date: nothing was added or deleted since")

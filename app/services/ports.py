@@ -10,18 +10,37 @@ from collections.abc import Set as AbstractSet
 from concurrent.futures import Future
 from contextlib import AbstractContextManager
 from datetime import datetime
-from typing import Protocol, TypeVar
+from typing import TYPE_CHECKING, Protocol, TypeVar
 
-from app.engine.types import DeviceCalibration, Fix, FixKind, GridMap, Progress, SurveyWalk, TrackerState
+from app.engine.mapping.placing import PlacedWalks
+from app.engine.types import (
+    DeviceCalibration,
+    Evidence,
+    FeatureSet,
+    Fix,
+    FixKind,
+    GridMap,
+    Progress,
+    SurveyWalk,
+    TrackerState,
+    WalkReport,
+)
 from app.services.aids import Recording
 from app.services.records import (
     Anchor,
     ApiKey,
+    Carrier,
+    Contribution,
+    ContributionState,
+    ContributionVerdict,
     Device,
     DeviceMemory,
+    DeviceModel,
+    Found,
     Job,
     JobKind,
     JobState,
+    LastingChange,
     Level,
     LevelMap,
     MapInfo,
@@ -31,6 +50,7 @@ from app.services.records import (
     PackedMap,
     Page,
     Position,
+    Publication,
     SegmentInfo,
     SegmentResult,
     Session,
@@ -42,6 +62,11 @@ from app.services.records import (
 )
 from app.services.tasks import MapRef
 
+if TYPE_CHECKING:
+    from app.services.search import Search
+
+Box = tuple[float, float, float, float]
+"""``(x_min, y_min, x_max, y_max)`` in the level frame, m."""
 Spec = TypeVar("Spec")
 Result = TypeVar("Result")
 
@@ -78,6 +103,10 @@ class VenueRepository(Protocol):
     def add(self, venue: Venue) -> None: ...
     def get(self, venue_id: str) -> Venue: ...
     def list(self, *, cursor: str | None, limit: int) -> Page[Venue]: ...
+    def find(self, search: Search, *, cursor: str | None, limit: int) -> Page[Found[Venue]]:
+        """Venues of a search: nearest first where it names a place, else newest first."""
+        ...
+
     def update(self, venue_id: str, *, name: str, anchor: Anchor | None, now: datetime) -> Venue: ...
     def delete(self, venue_id: str) -> None: ...
 
@@ -88,11 +117,18 @@ class LevelRepository(Protocol):
     def add(self, level: Level) -> None: ...
     def get(self, level_id: str) -> Level: ...
     def list(self, *, venue_id: str | None, cursor: str | None, limit: int) -> Page[Level]: ...
+    def find(self, search: Search, *, venue_id: str | None, cursor: str | None, limit: int) -> Page[Found[Level]]:
+        """Levels of a search: nearest first where it names a place, else newest first."""
+        ...
+
     def set_plan_image(self, level_id: str, png: bytes, now: datetime) -> None: ...
     def plan_image(self, level_id: str) -> bytes | None: ...
     def set_vector_plan(self, level_id: str, geojson: bytes, now: datetime) -> None: ...
     def vector_plan(self, level_id: str) -> bytes | None: ...
-    def set_current_map(self, level_id: str, map_id: str, now: datetime) -> None: ...
+    def set_current_map(self, level_id: str, map_id: str, now: datetime) -> str | None:
+        """Make a map the one that new sessions use, and return the one of before: see ``services.versions.publish``."""
+        ...
+
     def current_maps(self, venue_id: str, *, limit: int) -> Sequence[LevelMap]:
         """Current maps of the venue's levels that have one, lowest level first, at most ``limit``."""
         ...
@@ -120,6 +156,19 @@ class DeviceRepository(Protocol):
         ...
 
 
+class DeviceModelRepository(Protocol):
+    """Models that devices name, and what is remembered of their devices."""
+
+    def list(self, *, cursor: str | None, limit: int) -> Page[DeviceModel]:
+        """Models by name, without estimates."""
+        ...
+
+    def get(self, name: str) -> DeviceModel: ...
+    def memories(self, name: str, *, limit: int, without: str | None = None) -> Sequence[DeviceCalibration]:
+        """One memory a device of the model, but of one: those used last, at most ``limit``."""
+        ...
+
+
 class SurveyRepository(Protocol):
     """Surveys and their walks."""
 
@@ -132,7 +181,7 @@ class SurveyRepository(Protocol):
     def list_walks(self, survey_id: str, *, cursor: str | None, limit: int) -> Page[Walk]: ...
     def delete_walk(self, walk_id: str) -> None: ...
     def count_walks(self, level_id: str, survey_ids: Sequence[str]) -> int: ...
-    def devices(self, level_id: str) -> Mapping[str, str]:
+    def carriers(self, level_id: str) -> Mapping[str, Carrier]:
         """The device of each of the level's walks that name one, by walk id."""
         ...
 
@@ -140,8 +189,22 @@ class SurveyRepository(Protocol):
         """Samples of one walk."""
         ...
 
-    def load_walks(self, level_id: str, survey_ids: Sequence[str]) -> Sequence[SurveyWalk]:
-        """Samples of all walks of the level (of these surveys only, when any are named), oldest first."""
+    def mark_offsets_remembered(self, walk_ids: Sequence[str], now: datetime) -> None:
+        """Note that these walks' offsets are in their devices' memories."""
+        ...
+
+    def find_walks(self, walk_ids: Sequence[str]) -> Mapping[str, Walk]:
+        """Those of these walks that are stored (still), by id."""
+        ...
+
+    def walk_ids(self, level_id: str, survey_ids: Sequence[str]) -> Sequence[str]:
+        """Ids of the level's walks (of these surveys only, when any are named), oldest first."""
+        ...
+
+    def load_walks(
+        self, level_id: str, survey_ids: Sequence[str], *, only: Sequence[str] | None = None
+    ) -> Sequence[SurveyWalk]:
+        """Samples of the level's walks (of these surveys, or only these walks, when any are named), oldest first."""
         ...
 
 
@@ -150,11 +213,32 @@ class MapRepository(Protocol):
 
     def add_build(self, job_id: str, build: NewBuild) -> None: ...
     def get_build(self, job_id: str) -> NewBuild: ...
-    def pack(self, grid_map: GridMap) -> PackedMap:
+    def finish_build(self, job_id: str, map_id: str) -> None: ...
+    def build_of(self, map_id: str) -> NewBuild | None:
+        """The build that a map came of; None for those of before this was noted, and for maps that were not built."""
+        ...
+
+    def tile_hashes(self, map_id: str) -> Sequence[str]: ...
+    def reports(self, map_id: str) -> Mapping[str, WalkReport]:
+        """Reports about the walks of a version by walk id: of its build, and of the updates since."""
+        ...
+
+    def pack(self, grid_map: GridMap, evidence: Evidence | None = None) -> PackedMap:
         """Cut into tiles, compress and hash; touches no table, so it may run outside a write transaction."""
         ...
 
-    def add(self, info: MapInfo, packed: PackedMap) -> None: ...
+    def add(self, info: MapInfo, packed: PackedMap, *, keep: Box | None = None) -> None:
+        """Store a version. ``keep``: an update's evidence is that of this box; outside it stays the parent's."""
+        ...
+
+    def evidence(self, map_id: str, box: Box | None = None) -> Evidence | None:
+        """What a map rests on, in the tiles that the box touches if one is given; None if it was not kept."""
+        ...
+
+    def sources(self, map_id: str) -> AbstractSet[str]:
+        """Ids of all walks and contributions that went into a version or were found unfit for it."""
+        ...
+
     def get(self, map_id: str) -> MapInfo: ...
     def list(self, *, level_id: str | None, cursor: str | None, limit: int) -> Page[MapInfo]: ...
     def next_version(self, level_id: str) -> int: ...
@@ -163,6 +247,52 @@ class MapRepository(Protocol):
         ...
 
     def load(self, map_id: str) -> GridMap: ...
+
+
+class ContributionRepository(Protocol):
+    """What sessions offered to maps, and changes of the field that many of them show."""
+
+    def add(self, contribution: Contribution, rows: Evidence) -> None: ...
+    def get(self, contribution_id: str) -> Contribution: ...
+    def list(
+        self,
+        *,
+        level_id: str | None,
+        session_id: str | None,
+        contributor: str | None,
+        state: ContributionState | None,
+        cursor: str | None,
+        limit: int,
+    ) -> Page[Contribution]: ...
+    def of_session(self, session_id: str) -> Sequence[Contribution]:
+        """What a session contributed, one a level."""
+        ...
+
+    def live(self, level_id: str) -> Sequence[str]:
+        """Ids of those that are to be among the evidence of the level's map, oldest first."""
+        ...
+
+    def load(self, features: FeatureSet, ids: Sequence[str]) -> Evidence: ...
+    def decide(self, verdicts: Sequence[ContributionVerdict], now: datetime) -> None:
+        """Note what the weighing found; what a person rejected stays so."""
+        ...
+
+    def set_state(self, contribution_id: str, state: ContributionState, now: datetime) -> Contribution: ...
+    def delete(self, contribution_id: str) -> None: ...
+    def track_record(self, *, other_than: str) -> Mapping[str, tuple[int, int]]:
+        """Places where contributors agreed with independent evidence and where not, on levels but this one."""
+        ...
+
+    def add_changes(self, changes: Sequence[LastingChange]) -> None: ...
+    def list_changes(self, *, level_id: str | None, cursor: str | None, limit: int) -> Page[LastingChange]: ...
+
+
+class PublicationRepository(Protocol):
+    """Which map version a level used since when."""
+
+    def add(self, publication: Publication) -> None: ...
+    def latest(self, level_id: str) -> Publication | None: ...
+    def list(self, level_id: str, *, cursor: str | None, limit: int) -> Page[Publication]: ...
 
 
 class SessionRepository(Protocol):
@@ -242,7 +372,9 @@ class JobRepository(Protocol):
 
     def add(self, job: Job) -> None: ...
     def get(self, job_id: str) -> Job: ...
-    def list(self, *, kind: JobKind | None, state: JobState | None, cursor: str | None, limit: int) -> Page[Job]: ...
+    def list(
+        self, *, kinds: Sequence[JobKind], state: JobState | None, cursor: str | None, limit: int
+    ) -> Page[Job]: ...
     def claim(self, *, limit: int, now: datetime, kind: JobKind | None = None) -> Sequence[Job]:
         """Mark up to ``limit`` queued jobs (of one kind, if named) as running, oldest first, at most one per
         ``order_key`` and none whose key already has one running; ``attempts`` grows by one."""
@@ -274,6 +406,10 @@ class JobRepository(Protocol):
         ...
 
     def count(self, *states: JobState) -> int: ...
+    def is_queued(self, order_key: str, kind: JobKind) -> bool:
+        """Whether a job of this key and kind waits that nobody has begun."""
+        ...
+
     def is_pending(self, order_key: str) -> bool:
         """Whether a job of this key is queued or running."""
         ...
@@ -307,8 +443,11 @@ class UnitOfWork(Protocol):
     venues: VenueRepository
     levels: LevelRepository
     devices: DeviceRepository
+    device_models: DeviceModelRepository
     surveys: SurveyRepository
     maps: MapRepository
+    contributions: ContributionRepository
+    publications: PublicationRepository
     sessions: SessionRepository
     jobs: JobRepository
     keys: KeyRepository
@@ -333,6 +472,14 @@ class MapCache(Protocol):
     def open(self, ref: MapRef) -> GridMap:
         """Memory-map a cached map."""
         ...
+
+
+class Checkpoints(Protocol):
+    """Keeps the placed walks of builds that run, so that an interrupted build need not place them again."""
+
+    def load(self, key: str) -> PlacedWalks | None: ...
+    def put(self, key: str, placed: PlacedWalks) -> None: ...
+    def drop(self, key: str) -> None: ...
 
 
 class JobListener(Protocol):

@@ -4,21 +4,50 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from datetime import datetime
 
-from app.engine.mapping import FloorPlan
-from app.engine.types import DeviceCalibration, Fix
+from app.engine.mapping import FloorPlan, NewWalk
+from app.engine.types import DeviceCalibration, Evidence, Fix, SurveyWalk
 from app.services.base import Service
 from app.services.clock import Clock
-from app.services.device_memory import remember_if_over, remember_survey
+from app.services.device_memory import remember_survey
+from app.services.errors import InvalidError, NotSmoothableError
 from app.services.ids import new_id, seed_of
 from app.services.jobs import record_segment_failure
 from app.services.level_frame import in_level_frame
+from app.services.map_changes import box_of, changes_of, queue_update
 from app.services.map_refs import MapRefs
 from app.services.ports import MapCache, UnitOfWork, UnitOfWorkFactory
-from app.services.records import Job, JobKind, JobState, MapInfo, SessionStatus
-from app.services.tasks import BuildResult, BuildSpec, LocateResult, LocateSpec
+from app.services.publishing import BUILT, UPDATED, publish
+from app.services.records import (
+    Carrier,
+    Contribution,
+    ContributionState,
+    Job,
+    JobKind,
+    JobState,
+    MapInfo,
+    MapKind,
+    NewBuild,
+    Session,
+    SessionStatus,
+)
+from app.services.reviews import news, reputation_of, verdict_of
+from app.services.session_end import end_if_over
+from app.services.stored_segments import load_segments
+from app.services.tasks import (
+    BuildResult,
+    BuildSpec,
+    ContributeResult,
+    ContributeSpec,
+    LocateResult,
+    LocateSpec,
+    Offer,
+    SmoothSpec,
+    UpdateBase,
+)
+from app.services.trajectories import check_smoothable
 
 Outcome = dict[str, str | int | float]
 MAX_ATTEMPTS = 3
@@ -66,13 +95,79 @@ class ProcessingService(Service):
         )
 
     def build_spec(self, job: Job) -> BuildSpec:
-        """What a worker needs to build the job's map."""
+        """What a worker needs to build the job's map, or to bring the current one up to date."""
         with self._uow() as uow:
             build = uow.maps.get_build(job.id)
+            if build.mode is MapKind.UPDATE:
+                return self._update_spec(uow, build)
             walks = uow.surveys.load_walks(build.level_id, build.survey_ids)
+            carriers = uow.surveys.carriers(build.level_id)
             drawn = uow.levels.vector_plan(build.level_id)
         plan = None if drawn is None else FloorPlan.from_geojson(json.loads(drawn))
-        return BuildSpec(level_id=build.level_id, walks=tuple(walks), settings=build.settings, plan=plan)
+        return BuildSpec(level_id=build.level_id, walks=_owned(walks, carriers), settings=build.settings, plan=plan)
+
+    def _update_spec(self, uow: UnitOfWork, build: NewBuild) -> BuildSpec:
+        map_id = uow.levels.get(build.level_id).current_map_id
+        info = None if map_id is None else uow.maps.get(map_id)
+        if info is None or info.model is None:
+            raise InvalidError("level_id", "has no map that can be updated", "build a map of the level first")
+        changes = changes_of(uow, build, info.id)
+        walks = uow.surveys.load_walks(build.level_id, (), only=changes.walks)
+        contributed = uow.contributions.load(info.features, changes.contributions) if changes.contributions else None
+        box = box_of(info, walks, contributed, everything=bool(changes.removed))
+        evidence = uow.maps.evidence(info.id, box)
+        base = UpdateBase(
+            map_id=info.id,
+            map=self._refs.ref(info.id),
+            evidence=evidence or Evidence.empty(info.features),
+            box=box,
+            model=info.model,
+            removed=changes.removed,
+            contributed=contributed,
+            added=changes.contributions,
+            reputation=reputation_of(uow.contributions.track_record(other_than=build.level_id)),
+        )
+        carriers = uow.surveys.carriers(build.level_id)
+        return BuildSpec(level_id=build.level_id, walks=_owned(walks, carriers), settings=build.settings, base=base)
+
+    def contribute_spec(self, job: Job) -> ContributeSpec:
+        """What a worker needs to take from a session what maps can use."""
+        session_id = str(job.subject["session_id"])
+        with self._uow() as uow:
+            session = uow.sessions.get(session_id)
+            check_smoothable(session)
+            segments = load_segments(uow, session, NotSmoothableError)
+            learned = uow.sessions.learned(session_id)
+        return ContributeSpec(
+            contribution_id=new_id("ctr", self._clock()),
+            contributor=session.contributor or "",
+            device=session.device_id or "",
+            calibration=learned or session.prior.calibration,
+            smooth=SmoothSpec(
+                method=session.method,
+                parameters=session.parameters,
+                prior=session.prior,
+                seed=seed_of(session_id),
+                segments=segments,
+                maps=self._refs.refs(session.maps),
+            ),
+        )
+
+    def complete_contribute(self, job: Job, result: ContributeResult) -> Job | None:
+        """Store what the session offers to each level's map, and have these maps updated."""
+        now = self._clock()
+        session_id = str(job.subject["session_id"])
+        outcome: Outcome = {"session_id": session_id, "n_rows": sum(len(offer.evidence) for offer in result.offers)}
+        outcome["cpu_s"] = result.cpu_s
+        with self._uow(write=True) as uow:
+            if not uow.jobs.finish(job.id, JobState.DONE, now, result=outcome, attempts=job.attempts):
+                return None
+            session = uow.sessions.get(session_id)
+            for offer in result.offers:
+                uow.contributions.add(_contribution(session, offer, now), offer.evidence)
+                if len(offer.evidence):
+                    queue_update(uow, offer.level_id, now)
+            return uow.jobs.get(job.id)
 
     def complete_locate(self, job: Job, result: LocateResult) -> Job | None:
         """Store fixes, new state, what was learned about the device and the job's end together.
@@ -99,24 +194,35 @@ class ProcessingService(Service):
                 calibration=_usable(result.calibration),
             )
             if status is SessionStatus.CLOSED:
-                remember_if_over(uow, session_id, now)
+                end_if_over(uow, session_id, now)
             return uow.jobs.get(job.id)
 
     def complete_build(self, job: Job, result: BuildResult, build_s: float) -> Job:
-        """Store the map as the level's next version and make it the current one; its walks teach their devices."""
+        """Store the map as the level's next version; publish it unless it is a draft. Its walks teach their devices."""
         now = self._clock()
-        grid_map = result.build.grid_map
+        grid_map, base = result.build.grid_map, result.base
         with self._uow() as uow:
             # compressing takes long: not while holding the write lock
-            packed = uow.maps.pack(grid_map)
+            packed = uow.maps.pack(grid_map, result.build.evidence)
         with self._uow(write=True) as uow:
+            if base is not None and uow.levels.get(grid_map.level_id).current_map_id != base.map_id:
+                # another version became current meanwhile: the update is done over again, on that one
+                uow.jobs.requeue(job.id, attempts=job.attempts)
+                return uow.jobs.get(job.id)
             info = _map_info(uow, job, result, packed.hash, build_s=build_s, now=now)
             outcome: Outcome = {"map_id": info.id, "version": info.version, "cpu_s": result.cpu_s}
             finished = uow.jobs.finish(job.id, JobState.DONE, now, result=outcome, attempts=job.attempts)
             if finished:
-                remember_survey(uow, info.level_id, info.walks, now)
-                uow.maps.add(info, packed)
-                uow.levels.set_current_map(info.level_id, info.id, now)
+                order = uow.maps.get_build(job.id)
+                remember_survey(uow, info.level_id, info.walks, now, aligned=order.settings.align)
+                uow.maps.add(info, packed, keep=None if base is None else base.box)
+                uow.maps.finish_build(job.id, info.id)
+                if order.publish:
+                    publish(uow, info, now, key_id=order.key_id, note=BUILT if base is None else UPDATED)
+                uow.contributions.decide([verdict_of(verdict) for verdict in result.verdicts], now)
+                uow.contributions.add_changes(news(uow, info, result.changes, now))
+                if order.publish:  # a draft is no base for what comes after it
+                    queue_update(uow, info.level_id, now)
             done = uow.jobs.get(job.id)
         self._shown.pop(job.id, None)
         if finished:
@@ -178,6 +284,10 @@ def _map_info(
     level_id = str(job.subject["level_id"])
     rows, columns = grid_map.shape
     mapped = grid_map.mapped
+    base, reports = result.base, build.walks
+    before = None if base is None else uow.maps.get(base.map_id)
+    removed = () if base is None else base.removed
+    placed = sum(walk.rejected is None for walk in reports)
     return MapInfo(
         id=new_id("map", now),
         level_id=level_id,
@@ -194,8 +304,8 @@ def _map_info(
         noise_sd=grid_map.noise_sd,
         mapped_share=float(mapped.mean()),
         mapped_area_m2=float(mapped.sum()) * grid_map.cell_m**2,
-        n_walks=sum(walk.rejected is None for walk in build.walks),
-        n_samples=build.n_samples,
+        n_walks=placed if before is None else before.n_walks + placed - len(removed),
+        n_samples=build.n_samples if before is None else before.n_samples + build.n_samples,
         length_scale_m=build.length_scale_m,
         field_sd=build.field_sd,
         walks=build.walks,
@@ -205,4 +315,42 @@ def _map_info(
         n_transmitters=None if grid_map.radio is None else len(grid_map.radio.addresses),
         radio_cell_m=None if grid_map.radio is None else float(grid_map.radio.cell_m),
         n_routes=None if grid_map.routes is None else len(grid_map.routes.first),
+        kind=MapKind.BUILD if base is None else MapKind.UPDATE,
+        added=(*(report.walk_id for report in reports), *(() if base is None else base.added)),
+        removed=removed,
+        model=build.model,
+    )
+
+
+def _contribution(session: Session, offer: Offer, now: datetime) -> Contribution:
+    """The rows' one source names the contribution."""
+    rows = offer.evidence
+    box = None
+    if len(rows):
+        lo, hi = rows.xy.min(axis=0), rows.xy.max(axis=0)
+        box = (float(lo[0]), float(lo[1]), float(hi[0]), float(hi[1]))
+    return Contribution(
+        id=rows.sources[0].id if len(rows) else new_id("ctr", now),
+        session_id=session.id,
+        level_id=offer.level_id,
+        device_id=session.device_id,
+        contributor=session.contributor or "",
+        map_id=next(one.map_id for one in session.maps if one.level_id == offer.level_id),
+        state=ContributionState.OFFERED if len(rows) else ContributionState.EMPTY,
+        n_steps=offer.n_steps,
+        n_kept=offer.n_kept,
+        n_rows=len(rows),
+        reasons=offer.reasons,
+        box=box,
+        n_agreed=0,
+        n_disagreed=0,
+        verdict="",
+        created_at=now,
+        decided_at=None,
+    )
+
+
+def _owned(walks: Sequence[SurveyWalk], carriers: Mapping[str, Carrier]) -> tuple[NewWalk, ...]:
+    return tuple(
+        NewWalk(walk, device=carriers[walk.walk_id].device_id if walk.walk_id in carriers else "") for walk in walks
     )

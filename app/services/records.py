@@ -12,15 +12,20 @@ from datetime import datetime
 from enum import StrEnum
 from typing import Generic, TypeVar
 
+from app.engine.calibration import ModelEstimate
 from app.engine.geodesy import TangentPlane
+from app.engine.localization.comparison import FixComparison
+from app.engine.mapping.diff import DiffSummary
 from app.engine.types import (
     DeviceCalibration,
     FeatureSet,
     Fix,
+    Float32Array,
     ImuSamples,
     MapBuildSettings,
     Prior,
     RadioScans,
+    SourceKind,
     WalkReport,
     Waypoints,
 )
@@ -49,6 +54,33 @@ class JobKind(StrEnum):
 
     LOCATE_SEGMENT = "locate_segment"
     BUILD_MAP = "build_map"
+    CONTRIBUTE = "contribute"
+
+
+class MapKind(StrEnum):
+    """How a map version came about: from all its walks at once, or from its parent and what was new."""
+
+    BUILD = "build"
+    UPDATE = "update"
+
+
+class ContributionState(StrEnum):
+    """What became of what a session offered to a map.
+
+    * ``offered``: not yet weighed;
+    * ``used``: some of its rows count in the map;
+    * ``waiting``: for a second, independent contributor;
+    * ``quarantined``: it contradicts others, or physics;
+    * ``rejected``: taken out by a person;
+    * ``empty``: nothing in it was sure enough.
+    """
+
+    OFFERED = "offered"
+    USED = "used"
+    WAITING = "waiting"
+    QUARANTINED = "quarantined"
+    REJECTED = "rejected"
+    EMPTY = "empty"
 
 
 class JobState(StrEnum):
@@ -75,6 +107,14 @@ class Page(Generic[T]):
 
     items: tuple[T, ...]
     next_cursor: str | None
+
+
+@dataclass(frozen=True, slots=True)
+class Found(Generic[T]):
+    """A thing that was looked for; ``distance_m`` to its bounding box, if a place was named (0: the place is in it)."""
+
+    item: T
+    distance_m: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,6 +180,45 @@ class DeviceMemory:
     updated_at: datetime
 
 
+class CalibrationSource(StrEnum):
+    """Where a session's start comes from: its device (and, for the rest, its model), its model, or nowhere."""
+
+    DEVICE = "device"
+    MODEL = "model"
+    NONE = "none"
+
+
+@dataclass(frozen=True, slots=True)
+class StartingCalibration:
+    """What a session of a device starts with in an epoch of its magnetometer; None: nothing is known."""
+
+    epoch: str
+    source: CalibrationSource
+    calibration: DeviceCalibration | None
+
+
+@dataclass(frozen=True, slots=True)
+class DeviceModel:
+    """A model that devices name.
+
+    ``estimate`` is what they have in common: None where it was not asked for, or where so few taught something that it
+    would tell of single ones.
+    """
+
+    name: str
+    n_devices: int
+    estimate: ModelEstimate | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Carrier:
+    """The device of a survey walk, in an epoch of its magnetometer; and whether it knows the walk's offset already."""
+
+    device_id: str
+    epoch: str
+    offset_remembered: bool
+
+
 @dataclass(frozen=True, slots=True)
 class Survey:
     """Walks with known positions on one level."""
@@ -162,6 +241,7 @@ class NewWalk:
     wifi: RadioScans | None = None
     device_id: str | None = None
     ble: RadioScans | None = None
+    calibration_epoch: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -179,6 +259,8 @@ class Walk:
     """Sum of the straight legs between waypoints."""
     content_hash: str
     created_at: datetime
+    calibration_epoch: str = ""
+    """Of the device's magnetometer, as sessions name it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -231,6 +313,12 @@ class MapInfo:
     radio_cell_m: float | None = None
     n_routes: int | None = None
     """Survey lines kept with the map; None for maps built before they were."""
+    kind: MapKind = MapKind.BUILD
+    added: tuple[str, ...] = ()
+    """Sources that an update added to its parent's (walks that could not be placed among them)."""
+    removed: tuple[str, ...] = ()
+    model: Mapping[str, object] | None = None
+    """What was fitted, plain values; None for maps built before it was kept: those cannot be updated."""
     origin: MapOrigin | None = None
     """Where an imported map came from; None for maps built from surveys."""
 
@@ -241,6 +329,90 @@ class LevelMap:
 
     level_id: str
     map_id: str
+
+
+@dataclass(frozen=True, slots=True)
+class Publication:
+    """A map version became the one that new sessions on its level use.
+
+    ``from_map_id`` is the one before, None for a level's first; ``key_id`` says who published it, None if the service
+    did so without being asked.
+    """
+
+    id: str
+    level_id: str
+    map_id: str
+    from_map_id: str | None
+    key_id: str | None
+    note: str
+    created_at: datetime
+
+
+@dataclass(frozen=True, slots=True)
+class MapSource:
+    """Who contributed to a map version.
+
+    ``n_samples`` counts the placed field samples it brought, of which ``n_used`` have some weight; None for versions of
+    before evidence was kept. ``rejected`` says why a walk was left out, if it was.
+    """
+
+    id: str
+    kind: SourceKind
+    survey_id: str | None
+    device_id: str | None
+    contributor: str | None
+    n_samples: int | None
+    n_used: int | None
+    rejected: str | None
+
+
+@dataclass(frozen=True, slots=True)
+class TileCounts:
+    """Tiles of a version by content: shared with the other one, new in it, and of the other one only."""
+
+    shared: int
+    new: int
+    gone: int
+
+
+@dataclass(frozen=True, slots=True)
+class Change(Generic[T]):
+    """What came and what went."""
+
+    added: tuple[T, ...]
+    removed: tuple[T, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class SettingChange:
+    """A setting in which two builds differ."""
+
+    name: str
+    now: object
+    then: object
+
+
+@dataclass(frozen=True, slots=True)
+class VersionDiff:
+    """What differs between a version and another one of its level; ``sources`` are ids of those in use."""
+
+    map_id: str
+    against: str
+    identical: bool
+    field: DiffSummary
+    tiles: TileCounts
+    sources: Change[str]
+    settings: tuple[SettingChange, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ChangeRaster:
+    """One value a node, shape (rows, columns); node ``[0, 0]`` lies at (x0, y0), nodes are ``cell_m`` apart."""
+
+    values: Float32Array
+    x0: float
+    y0: float
+    cell_m: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -268,6 +440,87 @@ class Session:
     """Changes when the device's platform recalibrates its magnetometer; the application's word."""
     method_reason: str | None = None
     """Why this method, if it was chosen by the service."""
+    contributor: str | None = None
+    """Key that answers for what the session contributes to maps; None: it contributes nothing."""
+
+
+@dataclass(frozen=True, slots=True)
+class Contribution:
+    """What a session offers to the map of a level, and what became of it; without its rows.
+
+    Attributes
+    ----------
+    contributor : str
+        Key that opened the session.
+    map_id : str
+        Version on which the session was located.
+    n_steps, n_kept, n_rows : int
+        Steps of the session, those of them that were sure enough, and rows of evidence made of these.
+    reasons : tuple of str
+        Why steps were left out.
+    box : tuple of float or None
+        ``(x_min, y_min, x_max, y_max)`` of the rows, m.
+    n_agreed, n_disagreed : int
+        Places where independent evidence agreed, and where it did not.
+    verdict : str
+        What the weighing did with it, in words; empty before.
+    """
+
+    id: str
+    session_id: str
+    level_id: str
+    device_id: str | None
+    contributor: str
+    map_id: str
+    state: ContributionState
+    n_steps: int
+    n_kept: int
+    n_rows: int
+    reasons: tuple[str, ...]
+    box: tuple[float, float, float, float] | None
+    n_agreed: int
+    n_disagreed: int
+    verdict: str
+    created_at: datetime
+    decided_at: datetime | None
+
+
+@dataclass(frozen=True, slots=True)
+class ContributionVerdict:
+    """What the weighing of a level's evidence says of one contribution."""
+
+    id: str
+    state: ContributionState
+    verdict: str
+    n_agreed: int
+    n_disagreed: int
+
+
+@dataclass(frozen=True, slots=True)
+class LastingChange:
+    """A lasting change of the field that independent passes agree on.
+
+    Attributes
+    ----------
+    map_id : str
+        Version from which on the map shows it.
+    box : tuple of float
+        ``(x_min, y_min, x_max, y_max)``, m.
+    delta : tuple of float, uT
+        Mean change per channel.
+    after, before : datetime or None
+        It came between the last pass that agreed with the old field and the first that did not.
+    """
+
+    id: str
+    level_id: str
+    map_id: str
+    box: tuple[float, float, float, float]
+    area_m2: float
+    delta: tuple[float, ...]
+    after: datetime | None
+    before: datetime | None
+    created_at: datetime
 
 
 @dataclass(frozen=True, slots=True)
@@ -337,6 +590,19 @@ class Trajectory:
 
 
 @dataclass(frozen=True, slots=True)
+class Replay:
+    """A session's fixes on other maps, and how they compare with those that were told then."""
+
+    session_id: str
+    level_id: str | None
+    maps: tuple[LevelMap, ...]
+    maps_then: tuple[LevelMap, ...]
+    method: str
+    fixes: tuple[Fix, ...]
+    comparison: FixComparison
+
+
+@dataclass(frozen=True, slots=True)
 class Located:
     """Result of a one-shot location."""
 
@@ -375,6 +641,12 @@ class NewBuild:
     level_id: str
     settings: MapBuildSettings = field(default_factory=MapBuildSettings)
     survey_ids: tuple[str, ...] = ()
+    mode: MapKind = MapKind.BUILD
+    """An update keeps the settings of the current map."""
+    publish: bool = True
+    """Whether new sessions use the version as soon as it is built; a draft waits to be published."""
+    key_id: str | None = None
+    """Who asked for it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -397,12 +669,13 @@ class PackedLayer:
 
 @dataclass(frozen=True, slots=True)
 class PackedMap:
-    """A map as it is stored; ``hash`` covers header, tiles, radio layer and lines."""
+    """A map as it is stored; ``hash`` covers header, tiles, radio layer and lines, but not what it rests on."""
 
     hash: str
     tiles: tuple[PackedTile, ...]
     radio: PackedLayer | None = None
     routes: PackedLayer | None = None
+    evidence: tuple[PackedTile, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

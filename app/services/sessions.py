@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from datetime import datetime
 
+from app.engine.localization.particle import ParticleTracker
 from app.engine.types import FixKind, Prior
 from app.services.aids import Recording
 from app.services.base import DEFAULT_LIMIT, Service, check_limit, check_number_cursor
 from app.services.clock import Clock
-from app.services.device_memory import remember_if_over, starting_calibration
+from app.services.device_memory import starting_calibration
 from app.services.errors import (
     InvalidError,
     OverloadedError,
@@ -36,6 +37,7 @@ from app.services.records import (
     Session,
     SessionStatus,
 )
+from app.services.session_end import end_if_over
 
 RETRY_AFTER_S = 2.0
 
@@ -69,19 +71,30 @@ class SessionService(Service):
         venue_id: str | None = None,
         device_id: str | None = None,
         map_id: str | None = None,
+        map_ids: Sequence[str] = (),
         calibration_epoch: str = "",
+        contributor: str | None = None,
     ) -> Session:
         """Open a session on a level, with its current map (or the named version) pinned.
 
-        With ``venue_id`` instead of a level: on any level of the venue that has a map, with all of these pinned. The
-        session starts with what earlier ones taught about the device in this epoch of its magnetometer.
+        With ``venue_id`` instead of a level: on any level of the venue that has a map, with all of these pinned;
+        ``map_ids`` are versions to pin in place of current ones. The session starts with what earlier ones taught about
+        the device in this epoch of its magnetometer. With ``contributor``, the key that answers for it, what it saw is
+        offered to the maps when it is closed.
         """
         self._check(method, parameters)
         now = self._clock()
+        with self._uow() as uow:
+            start = starting_calibration(uow, device_id, calibration_epoch)
         with self._uow(write=True) as uow:
-            place = choose_place(uow, level_id, venue_id, map_id)
+            place = choose_place(uow, level_id, venue_id, map_id, map_ids)
             chosen = method_for(uow, place, method, prior)
-            calibration = starting_calibration(uow, device_id, calibration_epoch)
+            if contributor is not None and chosen.name != ParticleTracker.method:
+                raise InvalidError(
+                    "contribute",
+                    f"sessions of the method {chosen.name!r} have no smoothed track to offer",
+                    f"use the method {ParticleTracker.method!r}, or leave contribute out",
+                )
             session = Session(
                 id=new_id("ses", now),
                 venue_id=place.venue_id,
@@ -91,12 +104,13 @@ class SessionService(Service):
                 method=chosen.name,
                 method_reason=chosen.reason,
                 parameters=dict(parameters),
-                prior=replace(place.prior(prior), calibration=calibration),
+                prior=replace(place.prior(prior), calibration=start.calibration),
                 status=SessionStatus.OPEN,
                 next_seq=0,
                 created_at=now,
                 closed_at=None,
                 calibration_epoch=calibration_epoch,
+                contributor=contributor,
             )
             uow.sessions.add(session)
         return session
@@ -135,7 +149,7 @@ class SessionService(Service):
         now = self._clock()
         with self._uow(write=True) as uow:
             session = uow.sessions.close(session_id, now)
-            remember_if_over(uow, session_id, now)
+            end_if_over(uow, session_id, now)
         return session
 
     def accept(self, session_id: str, new: NewSegment) -> Accepted:

@@ -8,7 +8,7 @@ import numpy as np
 
 from app.engine.types import Waypoints
 from app.services.base import DEFAULT_LIMIT, Service, check_limit
-from app.services.errors import NotFoundError
+from app.services.errors import InvalidError, NotFoundError
 from app.services.ids import new_id
 from app.services.records import NewWalk, Page, Survey, Walk
 
@@ -47,6 +47,9 @@ class SurveyService(Service):
                 return known, True
             if new.device_id is not None:
                 uow.devices.get(new.device_id)
+            elif new.calibration_epoch:
+                remedy = "name the device in device_id, or leave the epoch out"
+                raise InvalidError("calibration_epoch", "belongs to no device", remedy)
             uow.surveys.add_walk(walk, new)
         return walk, False
 
@@ -86,6 +89,7 @@ def _walk_of(survey_id: str, new: NewWalk, now: datetime) -> Walk:
         length_m=_length_m(new.waypoints),
         content_hash=new.content_hash,
         created_at=now,
+        calibration_epoch=new.calibration_epoch,
     )
 
 

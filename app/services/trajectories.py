@@ -3,20 +3,15 @@
 from __future__ import annotations
 
 from app.engine.localization.particle import ParticleTracker
-from app.engine.types import Segment
 from app.services.base import Service
 from app.services.clock import Clock
-from app.services.errors import InvalidError, NotSmoothableError
+from app.services.errors import NotSmoothableError
 from app.services.ids import seed_of
-from app.services.level_frame import in_level_frame
 from app.services.map_refs import MapRefs
-from app.services.ports import Executor, MapCache, UnitOfWork, UnitOfWorkFactory, WorkerLostError
-from app.services.records import JobState, Session, Trajectory
+from app.services.ports import Executor, MapCache, UnitOfWorkFactory, WorkerLostError
+from app.services.records import Session, Trajectory
+from app.services.stored_segments import load_segments
 from app.services.tasks import SmoothResult, SmoothSpec, SmoothTask
-
-MAX_SEGMENTS = 360
-MAX_SPAN_S = 1800.0
-"""The smoother remembers all particles of every step: what it needs grows with the time walked."""
 
 
 class TrajectoryService(Service):
@@ -34,8 +29,9 @@ class TrajectoryService(Service):
         """Smoothed fixes from all segments processed so far; the same segments give the same answer."""
         with self._uow() as uow:
             session = uow.sessions.get(session_id)
-            _check(uow, session)
-            segments = _segments(uow, session)
+            check_smoothable(session)
+            # the smoother remembers all particles of every step: what it needs grows with the time walked
+            segments = load_segments(uow, session, NotSmoothableError)
         spec = SmoothSpec(
             method=session.method,
             parameters=session.parameters,
@@ -58,30 +54,11 @@ class TrajectoryService(Service):
             return self._executor.submit(self._task, spec, affinity=affinity).result()
 
 
-def _segments(uow: UnitOfWork, session: Session) -> tuple[Segment, ...]:
-    recordings = uow.sessions.load_segments(session.id, MAX_SEGMENTS)
-    try:
-        return in_level_frame(uow, session.venue_id, recordings)
-    except InvalidError as error:  # the anchor was changed since: what is stored stands against it, not the request
-        raise NotSmoothableError(error.field, error.message, error.remedy) from error
-
-
-def _check(uow: UnitOfWork, session: Session) -> None:
-    """Refuse what the smoother cannot do before any samples are read."""
+def check_smoothable(session: Session) -> None:
+    """Refuse methods that cannot be smoothed."""
     if session.method != ParticleTracker.method:
         raise NotSmoothableError(
             "method",
             f"the method {session.method!r} of this session has no smoother",
             f"read its positions, or open sessions with the method {ParticleTracker.method!r}",
-        )
-    remedy = f"read its positions, and open a new session every {MAX_SPAN_S / 60:.0f} minutes"
-    if session.next_seq > MAX_SEGMENTS:
-        raise NotSmoothableError(
-            "session_id", f"{session.next_seq} segments, more than the {MAX_SEGMENTS} that are smoothed", remedy
-        )
-    infos = uow.sessions.list_segments(session.id, cursor=None, limit=MAX_SEGMENTS).items
-    span = sum(info.t_end - info.t_start for info in infos if info.job_state is JobState.DONE)
-    if span > MAX_SPAN_S:
-        raise NotSmoothableError(
-            "session_id", f"{span / 60:.1f} minutes of samples, more than the {MAX_SPAN_S / 60:.0f} smoothed", remedy
         )

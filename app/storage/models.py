@@ -30,6 +30,7 @@ from sqlalchemy import (
     Text,
     TypeDecorator,
     UniqueConstraint,
+    true,
 )
 
 metadata = MetaData(
@@ -80,6 +81,12 @@ def _double(name: str, *, nullable: bool = False) -> Column[Any]:
     return Column(name, Double, nullable=nullable)
 
 
+def _box() -> list[Column[Any]]:
+    """Where a row is on earth (:mod:`app.storage.places`); all null if nobody knows."""
+    corners = [_double(f"{side}_deg", nullable=True) for side in ("south", "west", "north", "east")]
+    return [*corners, Column("place_band", Integer, nullable=True), _double("place_lon", nullable=True)]
+
+
 def _reference(name: str, target: str, *, nullable: bool = False, index: bool = False) -> Column[Any]:
     return Column(name, ID, ForeignKey(target), nullable=nullable, index=index)
 
@@ -96,6 +103,8 @@ venues = Table(
     _double("height_m", nullable=True),
     _time("created_at"),
     _time("updated_at"),
+    *_box(),
+    Index(None, "place_band", "place_lon"),
 )
 
 levels = Table(
@@ -113,6 +122,19 @@ levels = Table(
     Column("has_vector_plan", Boolean, nullable=False),
     _time("created_at"),
     _time("updated_at"),
+    *_box(),
+    Index(None, "place_band", "place_lon"),
+    Index(None, "ordinal", "id"),
+)
+
+name_words = Table(
+    "name_words",
+    metadata,
+    # compared by code point everywhere, so that the words that begin alike are one range
+    Column("word", String(64).with_variant(String(64, collation="C"), "postgresql"), primary_key=True),
+    # a venue or a level, which has its venue's words too
+    Column("owner_id", ID, primary_key=True, index=True),
+    sqlite_with_rowid=False,
 )
 
 level_plans = Table(
@@ -130,6 +152,7 @@ devices = Table(
     Column("name", Text, nullable=False),
     Column("model", Text, nullable=True),
     _time("created_at"),
+    Index(None, "model", "id"),
 )
 
 device_calibrations = Table(
@@ -148,6 +171,9 @@ device_calibrations = Table(
     Column("soft_iron", JSON, nullable=True),
     Column("n_sessions", Integer, nullable=False),
     _time("updated_at"),
+    # the device's, which never changes: what its siblings taught last is one range of an index
+    Column("model", Text, nullable=True),
+    Index(None, "model", "updated_at"),
 )
 
 surveys = Table(
@@ -172,7 +198,11 @@ walks = Table(
     _double("length_m"),
     Column("content_hash", HASH, nullable=False),
     _time("created_at"),
+    Column("calibration_epoch", String(64), nullable=False, server_default=""),
+    # when the walk's offset went into its device's memory
+    _time("offset_remembered_at", nullable=True),
     UniqueConstraint("survey_id", "content_hash"),
+    Index(None, "survey_id", "id"),
 )
 
 walk_samples = Table(
@@ -205,6 +235,7 @@ jobs = Table(
     _time("finished_at", nullable=True),
     # the claim and the bound of the queue read this index only
     Index(None, "state", "kind", "order_key", "number"),
+    Index(None, "kind", "id"),
 )
 
 map_builds = Table(
@@ -214,6 +245,11 @@ map_builds = Table(
     _reference("level_id", "levels.id"),
     Column("settings", JSON, nullable=False),
     Column("survey_ids", JSON, nullable=False),
+    Column("mode", String(16), nullable=False, server_default="build"),
+    Column("publish", Boolean, nullable=False, server_default=true()),
+    _reference("key_id", "api_keys.id", nullable=True),
+    # what came of it
+    _reference("map_id", "maps.id", nullable=True, index=True),
 )
 
 maps = Table(
@@ -248,7 +284,13 @@ maps = Table(
     Column("routes_hash", HASH, ForeignKey("route_layers.hash"), nullable=True),
     Column("origin", JSON, nullable=True),
     _time("created_at"),
+    Column("kind", String(16), nullable=False, server_default="build"),
+    Column("model", JSON, nullable=True),
+    # ids of the sources an update added and took out; those of a build are in its walks
+    Column("added", JSON, nullable=True),
+    Column("removed", JSON, nullable=True),
     UniqueConstraint("level_id", "version"),
+    Index(None, "level_id", "id"),
 )
 
 radio_layers = Table(
@@ -272,6 +314,19 @@ current_maps = Table(
     _reference("map_id", "maps.id"),
 )
 
+publications = Table(
+    "publications",
+    metadata,
+    _id(),
+    _reference("level_id", "levels.id"),
+    _reference("map_id", "maps.id"),
+    _reference("from_map_id", "maps.id", nullable=True),
+    _reference("key_id", "api_keys.id", nullable=True),
+    Column("note", Text, nullable=False),
+    _time("created_at"),
+    Index(None, "level_id", "id"),
+)
+
 tiles = Table(
     "tiles",
     metadata,
@@ -286,6 +341,23 @@ map_tiles = Table(
     Column("row", Integer, primary_key=True, autoincrement=False),
     Column("column", Integer, primary_key=True, autoincrement=False),
     Column("tile_hash", HASH, ForeignKey("tiles.hash"), nullable=False),
+    sqlite_with_rowid=False,
+)
+
+evidence_tiles = Table(
+    "evidence_tiles",
+    metadata,
+    Column("hash", HASH, primary_key=True),
+    Column("data", LargeBinary, nullable=False),
+)
+
+map_evidence = Table(
+    "map_evidence",
+    metadata,
+    Column("map_id", ID, ForeignKey("maps.id"), primary_key=True),
+    Column("row", Integer, primary_key=True, autoincrement=False),
+    Column("column", Integer, primary_key=True, autoincrement=False),
+    Column("tile_hash", HASH, ForeignKey("evidence_tiles.hash"), nullable=False),
     sqlite_with_rowid=False,
 )
 
@@ -309,9 +381,12 @@ sessions = Table(
     Column("method_reason", String(256), nullable=True),
     # when what the session learned went into its device's memory
     _time("remembered_at", nullable=True),
+    # the key that answers for what the session contributes to maps; none: it contributes nothing
+    Column("contributor", ID, nullable=True),
     Index(None, "venue_id", "id"),
     Index(None, "level_id", "id"),
     Index(None, "device_id", "id"),
+    Index(None, "status", "id"),
 )
 
 tracker_states = Table(
@@ -388,6 +463,53 @@ def _fixes(name: str) -> Table:
 
 fixes = _fixes("fixes")
 lagged_fixes = _fixes("lagged_fixes")
+
+contributions = Table(
+    "contributions",
+    metadata,
+    _id(),
+    _reference("session_id", "sessions.id"),
+    _reference("level_id", "levels.id"),
+    Column("device_id", ID, nullable=True),
+    Column("contributor", ID, nullable=False),
+    _reference("map_id", "maps.id"),
+    Column("state", String(16), nullable=False),
+    Column("n_steps", Integer, nullable=False),
+    Column("n_kept", Integer, nullable=False),
+    Column("n_rows", Integer, nullable=False),
+    Column("reasons", JSON, nullable=False),
+    Column("box", JSON, nullable=True),
+    Column("n_agreed", Integer, nullable=False),
+    Column("n_disagreed", Integer, nullable=False),
+    Column("verdict", Text, nullable=False),
+    _time("created_at"),
+    _time("decided_at", nullable=True),
+    UniqueConstraint("session_id", "level_id"),
+    Index(None, "level_id", "state", "id"),
+    Index(None, "contributor", "id"),
+)
+
+contribution_rows = Table(
+    "contribution_rows",
+    metadata,
+    Column("contribution_id", ID, ForeignKey("contributions.id"), primary_key=True),
+    Column("data", LargeBinary, nullable=False),
+)
+
+field_changes = Table(
+    "field_changes",
+    metadata,
+    _id(),
+    _reference("level_id", "levels.id"),
+    _reference("map_id", "maps.id"),
+    Column("box", JSON, nullable=False),
+    _double("area_m2"),
+    Column("delta", JSON, nullable=False),
+    _time("after", nullable=True),
+    _time("before", nullable=True),
+    _time("created_at"),
+    Index(None, "level_id", "id"),
+)
 
 api_keys = Table(
     "api_keys",

@@ -5,23 +5,29 @@ from __future__ import annotations
 from sqlalchemy import Connection
 
 from app.services.ports import (
+    ContributionRepository,
+    DeviceModelRepository,
     DeviceRepository,
     IdempotencyRepository,
     JobRepository,
     KeyRepository,
     LevelRepository,
     MapRepository,
+    PublicationRepository,
     SessionRepository,
     SurveyRepository,
     VenueRepository,
 )
 from app.services.records import Stats
+from app.storage.repositories.contributions import SqlContributionRepository
+from app.storage.repositories.device_models import SqlDeviceModelRepository
 from app.storage.repositories.devices import SqlDeviceRepository
 from app.storage.repositories.idempotency import SqlIdempotencyRepository
 from app.storage.repositories.jobs import SqlJobRepository
 from app.storage.repositories.keys import SqlKeyRepository
 from app.storage.repositories.levels import SqlLevelRepository
 from app.storage.repositories.maps import SqlMapRepository
+from app.storage.repositories.publications import SqlPublicationRepository
 from app.storage.repositories.sessions import SqlSessionRepository
 from app.storage.repositories.stats import read_stats
 from app.storage.repositories.surveys import SqlSurveyRepository
@@ -36,8 +42,11 @@ class SqlUnitOfWork:
         self.venues: VenueRepository = SqlVenueRepository(connection, writable=writable)
         self.levels: LevelRepository = SqlLevelRepository(connection, writable=writable)
         self.devices: DeviceRepository = SqlDeviceRepository(connection, writable=writable)
+        self.device_models: DeviceModelRepository = SqlDeviceModelRepository(connection, writable=writable)
         self.surveys: SurveyRepository = SqlSurveyRepository(connection, writable=writable)
         self.maps: MapRepository = SqlMapRepository(connection, writable=writable)
+        self.contributions: ContributionRepository = SqlContributionRepository(connection, writable=writable)
+        self.publications: PublicationRepository = SqlPublicationRepository(connection, writable=writable)
         self.sessions: SessionRepository = SqlSessionRepository(connection, writable=writable)
         self.jobs: JobRepository = SqlJobRepository(connection, writable=writable)
         self.keys: KeyRepository = SqlKeyRepository(connection, writable=writable)

@@ -7,7 +7,17 @@ from datetime import UTC, datetime
 from app.services.ports import Executor
 from app.services.processing import ProcessingService
 from app.services.records import Job, JobKind
-from app.services.tasks import BuildResult, BuildSpec, BuildTask, LocateResult, LocateSpec, LocateTask
+from app.services.tasks import (
+    BuildResult,
+    BuildSpec,
+    BuildTask,
+    ContributeResult,
+    ContributeSpec,
+    ContributeTask,
+    LocateResult,
+    LocateSpec,
+    LocateTask,
+)
 from app.telemetry import Metrics
 from app.workers.runner import Work
 
@@ -33,6 +43,26 @@ def segment_work(
         prepare=processing.locate_spec,
         complete=complete,
         affinity=lambda spec: spec.maps[0].hash if spec.maps else "",
+    )
+
+
+def contribute_work(
+    processing: ProcessingService, executor: Executor, task: ContributeTask, *, metrics: Metrics
+) -> Work[ContributeSpec, ContributeResult]:
+    """What sessions offer to maps: nobody waits for it, so one at a time beside the segments."""
+
+    def complete(job: Job, result: ContributeResult) -> Job | None:
+        metrics.work_seconds.labels(job.kind).observe(result.cpu_s)
+        return processing.complete_contribute(job, result)
+
+    return Work(
+        kind=JobKind.CONTRIBUTE,
+        executor=executor,
+        capacity=1,
+        task=task,
+        prepare=processing.contribute_spec,
+        complete=complete,
+        affinity=lambda spec: spec.smooth.maps[0].hash if spec.smooth.maps else "",
     )
 
 

@@ -37,6 +37,24 @@ class Failed:
     error: Exception
 
 
+class TaskFuture(Future[Result]):
+    """Future of a task that can be stopped while it runs, by whoever runs it (``abort``).
+
+    :meth:`cancel` then returns False like any future's, and the future fails soon.
+    """
+
+    def __init__(self, abort: Callable[[TaskFuture[Any]], None]) -> None:
+        super().__init__()
+        self._abort = abort
+
+    def cancel(self) -> bool:
+        """Cancel the task if it waits, stop it if it runs."""
+        cancelled = super().cancel()
+        if not cancelled:
+            self._abort(self)
+        return cancelled
+
+
 def attempt(task: Callable[[Spec, Progress], Result], spec: Spec, progress: Progress) -> Done[Result] | Failed:
     """Run a task and keep what comes of it, whatever that is, for whoever holds the future."""
     try:

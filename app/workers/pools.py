@@ -8,7 +8,7 @@ from threading import Event
 from typing import TypeVar
 
 from app.engine.types import Progress
-from app.workers.outcomes import attempt, settle
+from app.workers.outcomes import TaskFuture, attempt, settle
 
 Spec = TypeVar("Spec")
 Result = TypeVar("Result")
@@ -79,20 +79,32 @@ class ThreadExecutor:
         on_progress: Progress | None = None,
     ) -> Future[Result]:
         """Queue the task, first come first served."""
-        report = on_progress or _no_progress
+        report, stopped = on_progress or _no_progress, Event()
+        future: TaskFuture[Result] = TaskFuture(lambda _: stopped.set())
 
         def progress(fraction: float, text: str) -> None:
-            # A thread cannot be stopped from outside; the next report of an abandoned task stops it from inside.
-            if self._closed.is_set():
-                raise CancelledError("the executor is closed")
+            # A thread cannot be stopped from outside; the next report of an unwanted task stops it from inside.
+            if self._closed.is_set() or stopped.is_set():
+                raise CancelledError("nobody waits for this task any more")
             report(fraction, text)
 
-        return self._pool.submit(task, spec, progress)
+        def run() -> None:
+            if future.set_running_or_notify_cancel():
+                settle(future, attempt(task, spec, progress))
+
+        self._pool.submit(run).add_done_callback(lambda place: _withdraw(future) if place.cancelled() else None)
+        return future
 
     def close(self) -> None:
         """Cancel what waits; what runs ends at its next progress report, unwatched."""
         self._closed.set()
         self._pool.shutdown(wait=False, cancel_futures=True)
+
+
+def _withdraw(future: Future[Result]) -> None:
+    """The pool was closed before the task's turn came."""
+    future.cancel()
+    future.set_running_or_notify_cancel()
 
 
 def _no_progress(_: float, __: str) -> None:

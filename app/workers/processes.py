@@ -27,7 +27,7 @@ import structlog
 
 from app.engine.types import Progress
 from app.services.ports import WorkerLostError
-from app.workers.outcomes import Done, Failed, decode, settle
+from app.workers.outcomes import Done, Failed, TaskFuture, decode, settle
 from app.workers.worker import Tag, worker_main
 
 Spec = TypeVar("Spec")
@@ -56,24 +56,6 @@ def _no_main_module() -> Iterator[None]:
         yield
     finally:
         sys.modules["__main__"] = main
-
-
-class TaskFuture(Future[Result]):
-    """Future of a task in a worker process: cancelling it while it runs ends the worker.
-
-    :meth:`cancel` then returns False like any future's, and the future fails with :class:`WorkerLostError` soon.
-    """
-
-    def __init__(self, abort: Callable[[TaskFuture[Any]], None]) -> None:
-        super().__init__()
-        self._abort = abort
-
-    def cancel(self) -> bool:
-        """Cancel the task if it waits, stop it if it runs."""
-        cancelled = super().cancel()
-        if not cancelled:
-            self._abort(self)
-        return cancelled
 
 
 @dataclass(frozen=True, slots=True)

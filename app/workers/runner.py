@@ -20,7 +20,7 @@ import structlog
 
 from app.engine.errors import EngineError
 from app.engine.types import Progress
-from app.services.errors import InvalidError, NotFoundError, OverloadedError
+from app.services.errors import ConflictError, InvalidError, NotFoundError, OverloadedError
 from app.services.ports import Executor, JobListener, WorkerLostError
 from app.services.records import Job, JobKind, JobState
 from app.telemetry import Metrics
@@ -224,7 +224,7 @@ class Lane(Generic[Spec, Result]):
         """Hand a claimed job to the executor."""
         try:
             spec = self._work.prepare(job)
-        except (EngineError, InvalidError, NotFoundError) as error:
+        except (EngineError, InvalidError, NotFoundError, ConflictError) as error:
             self._end(self._processing.fail(job, str(error)))
             return
         future = self._work.executor.submit(

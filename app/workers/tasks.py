@@ -9,7 +9,7 @@ from __future__ import annotations
 import time
 from collections import OrderedDict
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from threading import Lock
 
@@ -17,9 +17,27 @@ from app.engine.errors import InputError, MapError
 from app.engine.localization.particle import ParticleTracker
 from app.engine.localization.registry import create_tracker
 from app.engine.localization.smoothing import smooth_session
-from app.engine.mapping import build_map
-from app.engine.types import GridMap, Progress
-from app.services.tasks import BuildResult, BuildSpec, LocateResult, LocateSpec, MapRef, SmoothResult, SmoothSpec
+from app.engine.mapping import MapModel, build_map, update_map
+from app.engine.mapping.crowd.contribution import contribute
+from app.engine.mapping.crowd.weigh import Weighed, weigh
+from app.engine.types import Evidence, EvidenceSource, Fix, GridMap, MapBuild, Progress, SourceKind
+from app.services.ports import Checkpoints
+from app.services.tasks import (
+    BuildResult,
+    BuildSpec,
+    ContributeResult,
+    ContributeSpec,
+    LocateResult,
+    LocateSpec,
+    MapRef,
+    Offer,
+    ReplayResult,
+    ReplaySpec,
+    SmoothResult,
+    SmoothSpec,
+    UpdateBase,
+)
+from app.workers.placing import placed_once
 
 MapOpener = Callable[[Path], GridMap]
 
@@ -106,8 +124,119 @@ class SmoothSession:
         return SmoothResult(fixes=fixes, cpu_s=time.thread_time() - started)
 
 
-def build_level_map(spec: BuildSpec, progress: Progress) -> BuildResult:
-    """Build a level's map from its survey walks."""
-    started = time.thread_time()
-    build = build_map(spec.level_id, spec.walks, spec.settings, progress, plan=spec.plan)
-    return BuildResult(build=build, cpu_s=time.thread_time() - started)
+@dataclass(frozen=True, slots=True)
+class ContributeSession:
+    """Smooths a session and takes from it what the maps of its levels can use."""
+
+    open_map: MapOpener
+    keep_maps: int = 16
+
+    def __call__(self, spec: ContributeSpec, progress: Progress) -> ContributeResult:
+        """One offer for each level the session was sure to be on; the same spec always gives the same result."""
+        started = time.thread_time()
+        fixes = SmoothSession(self.open_map, self.keep_maps)(spec.smooth, progress).fixes
+        maps = SpecMaps(spec.smooth.maps, self.open_map, self.keep_maps)
+        told = {fix.level_id for fix in fixes}
+        levels = [level_id for level_id in maps.level_ids() if level_id in told] or list(maps.level_ids()[:1])
+        offers = tuple(self._offer(spec, i, fixes, maps.grid_map(level_id)) for i, level_id in enumerate(levels))
+        return ContributeResult(offers, cpu_s=time.thread_time() - started)
+
+    @staticmethod
+    def _offer(spec: ContributeSpec, index: int, fixes: Sequence[Fix], grid_map: GridMap) -> Offer:
+        segments = spec.smooth.segments
+        source = EvidenceSource(
+            # a session on several levels offers to each map on its own
+            id=spec.contribution_id if index == 0 else f"{spec.contribution_id}-{index}",
+            kind=SourceKind.SESSION,
+            contributor=spec.contributor,
+            device=spec.device,
+            t=float(segments[0].samples.t[0]) if segments else 0.0,
+        )
+        offered = contribute(source, fixes, segments, grid_map, calibration=spec.calibration)
+        return Offer(grid_map.level_id, offered.evidence, offered.steps, offered.kept, offered.reasons())
+
+
+@dataclass(frozen=True, slots=True)
+class ReplaySession:
+    """Takes all segments of a session once more, as they were taken one after the other."""
+
+    open_map: MapOpener
+    keep_maps: int = 16
+
+    def __call__(self, spec: ReplaySpec, progress: Progress) -> ReplayResult:  # noqa: ARG002 - somebody waits anyway
+        """Go from the prior through all segments; on the maps of then, the fixes of then."""
+        started = time.thread_time()
+        tracker = create_tracker(spec.method, spec.parameters)
+        maps = SpecMaps(spec.maps, self.open_map, self.keep_maps)
+        state = tracker.start(spec.prior, seed=spec.seed)
+        fixes: list[Fix] = []
+        for segment in spec.segments:
+            answer = tracker.answer(state, segment, maps)
+            state = answer.state
+            fixes += answer.fixes
+        return ReplayResult(fixes=tuple(fixes), cpu_s=time.thread_time() - started)
+
+
+@dataclass(frozen=True, slots=True)
+class BuildMap:
+    """Builds a level's map from its survey walks, or brings one up to date."""
+
+    open_map: MapOpener
+    checkpoints: Checkpoints | None = None
+    """Where a build goes on if it was interrupted; None: from the start."""
+
+    def __call__(self, spec: BuildSpec, progress: Progress) -> BuildResult:
+        """Build; the same spec always gives the same result."""
+        started = time.thread_time()
+        if spec.base is None:
+            result = BuildResult(_built(spec, self.checkpoints, progress), cpu_s=0.0)
+        else:
+            result = _updated(spec, spec.base, self.open_map, progress)
+        return replace(result, cpu_s=time.thread_time() - started)
+
+
+def _built(spec: BuildSpec, checkpoints: Checkpoints | None, progress: Progress) -> MapBuild:
+    walks = [new.walk for new in spec.walks]
+    if checkpoints is None:
+        build = build_map(spec.level_id, walks, spec.settings, progress, plan=spec.plan)
+    else:
+        with placed_once(checkpoints, walks, align=spec.settings.align, progress=progress) as placing:
+            build = build_map(spec.level_id, walks, spec.settings, progress, plan=spec.plan, placing=placing)
+    owners = {new.walk.walk_id: new for new in spec.walks}
+    sources = tuple(
+        replace(source, contributor=owners[source.id].contributor, device=owners[source.id].device)
+        for source in build.evidence.sources
+    )
+    return replace(build, evidence=replace(build.evidence, sources=sources))
+
+
+def _updated(spec: BuildSpec, base: UpdateBase, open_map: MapOpener, progress: Progress) -> BuildResult:
+    model = MapModel.from_values(base.model)
+    found: list[Weighed] = []
+
+    def weighed(evidence: Evidence) -> Evidence:
+        found.append(weigh(evidence, model=model, reputation=base.reputation))
+        return found[-1].evidence
+
+    update = update_map(
+        open_map(base.map.path),
+        base.evidence,
+        model,
+        walks=spec.walks,
+        contributed=base.contributed,
+        removed=base.removed,
+        weigh=weighed,
+        align=bool(base.model.get("align", True)),
+        progress=progress,
+    )
+    build = MapBuild(
+        grid_map=update.grid_map,
+        walks=update.walks,
+        n_samples=len(update.evidence) - len(base.evidence),
+        length_scale_m=model.covariance.length_m,
+        field_sd=tuple(float(sd) for sd in model.level.sd),
+        evidence=update.evidence,
+        model=dict(base.model),
+    )
+    verdicts = tuple(verdict for one in found for verdict in one.verdicts)
+    return BuildResult(build, 0.0, base, verdicts, tuple(event for one in found for event in one.changes))

@@ -26,6 +26,7 @@ from tests.support.builders import (
     CallingExecutor,
     SteppingClock,
     answer_locate,
+    answer_replay,
     answer_smooth,
     grid_map,
     map_build,
@@ -97,9 +98,10 @@ class Worker:
             return processing.fail(job, self.error)
         if job.kind is JobKind.BUILD_MAP:
             spec = processing.build_spec(job)
-            build = map_build(spec.level_id, walk_ids=[walk.walk_id for walk in spec.walks])
+            build = map_build(spec.level_id, walk_ids=[new.walk.walk_id for new in spec.walks])
             features = spec.settings.features
-            build = replace(build, grid_map=grid_map(spec.level_id, features=features))
+            sd = (8.0,) * len(features.channels)
+            build = replace(build, grid_map=grid_map(spec.level_id, features=features), field_sd=sd)
             return processing.complete_build(job, BuildResult(build, cpu_s=0.1), 0.2)
         done = processing.complete_locate(job, answer_locate(processing.locate_spec(job), lambda *_: None))
         assert done is not None
@@ -122,6 +124,7 @@ class Api:
             listener=self.events,
             locate_task=answer_locate,
             smooth_task=answer_smooth,
+            replay_task=answer_replay,
             max_queued=max_queued,
         )
         self.worker.services, self.worker.events = self.services, self.events

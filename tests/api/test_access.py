@@ -35,10 +35,14 @@ TABLE = {
     "GET /v1/levels/{level_id}/plan.png": ANY,
     "PUT /v1/levels/{level_id}/plan.geojson": SURVEY,
     "GET /v1/levels/{level_id}/plan.geojson": ANY,
+    "PUT /v1/levels/{level_id}/map": SURVEY,
+    "GET /v1/levels/{level_id}/publications": SURVEY,
     "POST /v1/devices": LOCATE,
     "GET /v1/devices": LOCATE,
     "GET /v1/devices/{device_id}": LOCATE,
     "DELETE /v1/devices/{device_id}/calibrations": LOCATE,
+    "GET /v1/device-models": SURVEY,
+    "GET /v1/device-models/{name}": SURVEY,
     "POST /v1/surveys": SURVEY,
     "GET /v1/surveys": SURVEY,
     "GET /v1/surveys/{survey_id}": SURVEY,
@@ -51,6 +55,18 @@ TABLE = {
     "GET /v1/maps/{map_id}": ANY,
     "GET /v1/maps/{map_id}/field": ANY,
     "GET /v1/maps/{map_id}/coverage": ANY,
+    "GET /v1/contributions": SURVEY,
+    "GET /v1/contributions/{contribution_id}": SURVEY,
+    "POST /v1/contributions/{contribution_id}/reject": ADMIN,
+    "POST /v1/contributions/{contribution_id}/restore": ADMIN,
+    "DELETE /v1/contributions/{contribution_id}": ADMIN,
+    "GET /v1/changes": SURVEY,
+    "GET /v1/maps/{map_id}/sources": SURVEY,
+    "GET /v1/maps/{map_id}/diff": ANY,
+    "GET /v1/maps/{map_id}/quality": ANY,
+    "GET /v1/maps/{map_id}/quality/raster": ANY,
+    "GET /v1/maps/{map_id}/suggestions": ANY,
+    "POST /v1/maps/{map_id}/forecast": ANY,
     "GET /v1/maps/{map_id}/export": ANY,
     "POST /v1/levels/{level_id}/maps/import": SURVEY,
     "GET /v1/surveys/{survey_id}/export": SURVEY,
@@ -63,6 +79,7 @@ TABLE = {
     "GET /v1/sessions/{session_id}/segments/{seq}": LOCATE,
     "GET /v1/sessions/{session_id}/positions": LOCATE,
     "GET /v1/sessions/{session_id}/trajectory": LOCATE,
+    "POST /v1/sessions/{session_id}/replay": LOCATE,
     "POST /v1/locate": LOCATE,
     "GET /v1/jobs": ANY,
     "GET /v1/jobs/{job_id}": ANY,
@@ -84,7 +101,9 @@ def routes_of(api: Api) -> dict[str, Access]:
         route = context.original_route
         assert isinstance(route, ApiRoute), f"{context.path} is not an ApiRoute: nothing checks its caller"
         for method in route.methods or ():
-            found[f"{method} {route.path}"] = Access(route.access.scope, public=route.access.public)
+            found[f"{method} {route.path.replace(':path}', '}')}"] = Access(
+                route.access.scope, public=route.access.public
+            )
     return found
 
 

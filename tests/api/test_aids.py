@@ -300,7 +300,8 @@ def test_ble_of_a_survey_walk_reaches_the_build(api: Api, encode: Callable[..., 
     api.worker.idle = True
     api.ok("POST", "/v1/maps", json={"level_id": level.id})
     (job,) = api.services.processing.claim(1, JobKind.BUILD_MAP)
-    (walk,) = pickle.loads(pickle.dumps(api.services.processing.build_spec(job))).walks
+    (new,) = pickle.loads(pickle.dumps(api.services.processing.build_spec(job))).walks
+    walk = new.walk
     for name in ("wifi", "ble"):
         taken, given = getattr(walk, name), getattr(sent, name)
         assert taken.address == given.address

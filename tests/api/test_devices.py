@@ -18,7 +18,11 @@ def test_register_and_read(api: Api) -> None:
     assert response.status_code == 201
     device = response.json()
     assert (device["name"], device["model"]) == ("phone", "OPPO PBCM10")
-    assert api.get(response.headers["Location"]).json() == {**device, "calibrations": []}
+    assert api.get(response.headers["Location"]).json() == {
+        **device,
+        "calibrations": [],
+        "next_session": {"epoch": "", "source": "none", "calibration": None},
+    }
     assert api.ok("GET", "/v1/devices")["items"] == [device]
 
 

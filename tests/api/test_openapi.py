@@ -12,6 +12,8 @@ from pydantic import BaseModel
 from app.api import schemas
 from app.api.errors import PROBLEM_TYPES
 from app.api.schemas import (
+    contributions,
+    device_models,
     devices,
     health,
     jobs,
@@ -20,12 +22,15 @@ from app.api.schemas import (
     locate,
     maps,
     methods,
+    planning,
     positions,
+    replays,
     segments,
     sessions,
     stats,
     surveys,
     venues,
+    versions,
 )
 from app.api.schemas import samples as sample_schemas
 from app.engine.localization.registry import METHODS
@@ -33,6 +38,8 @@ from tests.api.harness import Api
 from tests.api.test_access import TABLE
 
 MODULES = [
+    contributions,
+    device_models,
     devices,
     health,
     jobs,
@@ -41,13 +48,16 @@ MODULES = [
     locate,
     maps,
     methods,
+    planning,
     positions,
+    replays,
     sample_schemas,
     segments,
     sessions,
     stats,
     surveys,
     venues,
+    versions,
 ]
 HIDDEN = {"GET /docs", "GET /openapi.json"}
 

@@ -3,7 +3,7 @@ from __future__ import annotations
 import pytest
 
 from app.api.schemas.trajectories import TrajectoryOut
-from app.services import trajectories
+from app.services import stored_segments
 from app.services.records import Scope
 from tests.api.harness import Api, plain, segment_body
 
@@ -48,7 +48,7 @@ def test_a_method_without_a_smoother(api: Api) -> None:
 
 def test_a_session_too_long_for_it(api: Api, monkeypatch: pytest.MonkeyPatch) -> None:
     session_id = processed(api)
-    monkeypatch.setattr(trajectories, "MAX_SEGMENTS", 1)
+    monkeypatch.setattr(stored_segments, "MAX_SEGMENTS", 1)
     response = api.get(f"/v1/sessions/{session_id}/trajectory")
     assert (response.status_code, response.json()["type"].rpartition("/")[2]) == (409, "conflict")
     (error,) = response.json()["errors"]

@@ -48,6 +48,10 @@ def test_venues_and_levels(service: Service) -> None:
         level = client.create_level(venue.id, "F1", extent=isodyn.Extent(x_min=0, y_min=0, x_max=9, y_max=9))
         assert client.level(level.id) == level
         assert [one.id for one in client.levels(venue_id=venue.id)] == [level.id]
+        near = {"near": (48.15, 11.57), "radius_m": 50.0}
+        assert [(one.id, one.distance_m) for one in client.levels(**near, q="f1", ordinal=0)] == [(level.id, 0.0)]
+        assert [one.id for one in client.venues(**near)] == [venue.id]
+        assert [one.id for one in client.levels(bbox=(11.5, 48.1, 11.6, 48.2), q="oth")] == [level.id]
         with pytest.raises(isodyn.NotFoundError):
             client.plan_image(level.id)
         with pytest.raises(isodyn.InvalidRequestError):
@@ -69,8 +73,13 @@ def test_an_idempotent_creation_gives_the_first_thing_again(service: Service) ->
 def test_devices(service: Service) -> None:
     with service.client() as client:
         device = client.create_device("phone", model="PBCM10")
-        assert client.device(device.id) == device
+        assert client.device(device.id).model_copy(update={"next_session": None}) == device
         assert device.id in {one.id for one in client.devices()}
+        assert client.device(device.id).next_session == isodyn.SessionStart(epoch="", source="none")
+        assert {one.name: one.n_devices for one in client.device_models()}["PBCM10"] == 1
+        assert client.device_model("PBCM10").estimate is None
+        with pytest.raises(isodyn.NotFoundError):
+            client.device_model("no such/model")
 
 
 @pytest.mark.parametrize("encoding", ["msgpack", "json"])
@@ -106,6 +115,24 @@ def test_maps(service: Service, surveyed: Surveyed) -> None:
         assert (spread > 0).all()
         with pytest.raises(isodyn.InvalidRequestError):
             client.map_field(info.id, "w")
+
+
+def test_planning(service: Service, surveyed: Surveyed) -> None:
+    with service.client() as client:
+        found = client.map_quality(surveyed.map_id)
+        assert found.coverage.by_plan
+        raster = client.quality_raster(surveyed.map_id)
+        assert np.nanmedian(raster.values) == pytest.approx(found.mean_error.p50_m, rel=1e-3)
+        assert client.quality_image(surveyed.map_id, "along", heading_deg=90).startswith(b"\x89PNG")
+        plan = client.survey_suggestions(surveyed.map_id, count=2)
+        first = plan.suggestions[0]
+        assert len(plan.suggestions) == 2
+        forecast = client.forecast_route(surveyed.map_id, [first.start, first.end], known_m=2.0)
+        assert forecast.length_m == pytest.approx(first.length_m, abs=0.02)
+        with pytest.raises(isodyn.NoAnchorError):
+            client.suggestions_geojson(surveyed.map_id)
+        with pytest.raises(isodyn.InvalidRequestError):
+            client.quality_raster(surveyed.map_id, "error", heading_deg=10)
 
 
 def test_a_session_from_first_to_last(service: Service, surveyed: Surveyed, walk: RecordedWalk) -> None:

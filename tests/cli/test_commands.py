@@ -60,6 +60,33 @@ def test_lists_show_ids_whole(service: Service, surveyed: Surveyed) -> None:
     assert surveyed.map_id in service.isodyn("map", "show", surveyed.map_id).stdout
 
 
+def test_quality_is_shown_and_drawn(service: Service, surveyed: Surveyed, tmp_path: Path) -> None:
+    shown = service.isodyn("map", "quality", surveyed.map_id, "--out", tmp_path / "error.png").stdout
+    assert "of the floor plan" in shown
+    with Image.open(tmp_path / "error.png") as image:
+        assert image.width > 10
+    heading = ("--layer", "along", "--heading", "90")
+    service.isodyn("map", "quality", surveyed.map_id, "--out", tmp_path / "along.npy", *heading)
+    assert np.nanmin(np.load(tmp_path / "along.npy")) > 0
+
+
+def test_lines_to_walk_and_what_to_expect_there(service: Service, surveyed: Surveyed) -> None:
+    lines = service.isodyn("map", "suggest", surveyed.map_id, "--count", "2").stdout.splitlines()
+    assert len(lines) == 4
+    assert "not mapped yet" in lines[2]
+    route = ("--route", "-5,60 100,60 130.5,75")
+    told = service.isodyn("map", "forecast", surveyed.map_id, *route, "--known", "1").stdout
+    assert "139 m" in told
+    assert "not mapped: only dead reckoning" in told
+
+
+@pytest.mark.parametrize("route", ["12", "1,2", "1,2 3,x", "1,2,3 4,5"])
+def test_a_route_is_corners(route: str) -> None:
+    result = run("map", "forecast", "map_1", "--route", route, ISODYN_URL="http://127.0.0.1:9")
+    assert result.exit_code == 2
+    assert "--route" in result.output
+
+
 def test_maps_are_exported(service: Service, surveyed: Surveyed, tmp_path: Path) -> None:
     for name in ("field.png", "field.npy"):
         service.isodyn("map", "export", surveyed.map_id, tmp_path / name, "--channel", "z")

@@ -172,15 +172,19 @@ def test_sway_about_the_device_heading_is_kept(survey: tuple[SurveyWalk, ...]) -
 
 def test_walk_order_does_not_matter(survey: tuple[SurveyWalk, ...], built: MapBuild) -> None:
     other = build_map("sim", survey[::-1], MapBuildSettings(extent=None))
-    assert other.grid_map.shape == built.grid_map.shape
-    difference = np.abs(other.grid_map.mean - built.grid_map.mean)[:, built.grid_map.support < 1.0]
+    a, b = built.grid_map, other.grid_map
+    assert (a.x0, a.y0) == (b.x0, b.y0)
+    rows, columns = np.minimum(a.shape, b.shape)  # the folds differ, so the outermost sample may lie a node further
+    assert np.abs(np.subtract(a.shape, b.shape)).max() <= 1
+    difference = np.abs(b.mean[:, :rows, :columns] - a.mean[:, :rows, :columns])[:, a.support[:rows, :columns] < 1.0]
     assert np.median(difference) < 0.3  # the covariance's folds differ; the field does not
 
 
 def test_moving_the_survey_moves_the_map(survey: tuple[SurveyWalk, ...], built: MapBuild) -> None:
-    moved = [replace(w, waypoints=Waypoints(w.waypoints.t, w.waypoints.x + 10.0, w.waypoints.y - 5.0)) for w in survey]
+    # by whole blocks, which lie on one lattice wherever the survey is
+    moved = [replace(w, waypoints=Waypoints(w.waypoints.t, w.waypoints.x + 10.0, w.waypoints.y - 4.0)) for w in survey]
     g, h = built.grid_map, build_map("sim", moved).grid_map
-    assert (h.x0, h.y0) == (g.x0 + 10.0, g.y0 - 5.0)
+    assert (h.x0, h.y0) == (g.x0 + 10.0, g.y0 - 4.0)
     np.testing.assert_allclose(h.mean, g.mean, atol=1e-3)
 
 

@@ -55,20 +55,93 @@ def matern(d, length):
 
 
 def nested(d, covariance):
-    """Coarse and fine part of the field together."""
-    fine = covariance.fine
-    return (1.0 - fine) * matern(d, covariance.length_m) + fine * matern(d, covariance.fine_length_m)
+    """Correlation of a coarse and a fine field."""
+    coarse, fine = matern(d, covariance.length_m), matern(d, covariance.fine_length_m)
+    return (1.0 - covariance.fine) * coarse + covariance.fine * fine
 
 
-def krige(xy, walk, z, nodes, covariance):
-    """Simple kriging with all samples by a dense solve; mean (m, channels) and variance (m,) in units of the sill."""
+def isotropic(xy, covariance):
+    """Places in the plane where the field has no preferred direction."""
+    angle, s = covariance.stretch_angle, np.sqrt(covariance.stretch)
+    along, across = np.array([np.cos(angle), np.sin(angle)]), np.array([-np.sin(angle), np.cos(angle)])
+    return np.outer(xy @ along, along) / s + np.outer(xy @ across, across) * s
+
+
+def sample_noise(xy, walk, error, white, covariance):
+    """Covariance of what samples differ from the field by."""
     d = np.linalg.norm(xy[:, None] - xy[None], axis=-1)
-    k = nested(d, covariance)
-    k += (walk[:, None] == walk[None]) * covariance.error * np.exp(-d / covariance.error_length_m)
-    k += covariance.white * np.eye(len(xy))
+    own = (walk[:, None] == walk[None]) * np.exp(-d / covariance.error_length_m)
+    return np.outer(error, error) * own + np.diag(white)
+
+
+def krige(xy, walk, z, error, white, nodes, covariance):
+    """Simple kriging with all samples by a dense solve; mean (m, channels) and variance (m,) in units of the sill."""
+    xy, nodes = isotropic(xy, covariance), isotropic(nodes, covariance)
+    k = nested(np.linalg.norm(xy[:, None] - xy[None], axis=-1), covariance)
+    k += sample_noise(xy, walk, error, white, covariance)
     b = nested(np.linalg.norm(nodes[:, None] - xy[None], axis=-1), covariance)
     weights = np.linalg.solve(k, b.T).T
     return weights @ z, 1.0 - np.sum(weights * b, axis=1)
+
+
+def potential(lag, covariance):
+    """Covariance of the potential whose gradient has the nested Matern 3/2 as the mean of its components'."""
+    d = np.linalg.norm(isotropic(lag, covariance), axis=-1)
+    total = 0.0
+    for share, length in (
+        (1.0 - covariance.fine, covariance.length_m),
+        (covariance.fine, covariance.fine_length_m),
+    ):
+        a = np.sqrt(3.0) / length
+        # Matern 5/2 with the variance that makes the slope's variance one: (1 + x + x^2 / 3) exp(-x) * 3 / a^2
+        x = a * d
+        total = total + share * 3.0 / a**2 * (1.0 + x + x**2 / 3.0) * np.exp(-x)
+    return total
+
+
+def gradient_covariance(lags, covariance, h=1e-3):
+    """Covariance (m, 2, 2) of the gradient of the potential at two places, by central differences of its covariance."""
+    steps = h * np.eye(2)
+    out = np.empty((len(lags), 2, 2))
+    for i in range(2):
+        for j in range(2):
+            # d/dx_i d/dx'_j k(x - x') = -k_ij(lag)
+            out[:, i, j] = -(
+                potential(lags + steps[i] + steps[j], covariance)
+                - potential(lags + steps[i] - steps[j], covariance)
+                - potential(lags - steps[i] + steps[j], covariance)
+                + potential(lags - steps[i] - steps[j], covariance)
+            ) / (4.0 * h**2)  # fmt: skip
+    return out
+
+
+def krige_gradient(xy, walk, z, error, white, nodes, covariance):
+    """Kriging of a gradient's two components with all samples: mean and variance (m, 2)."""
+    n, m = len(xy), len(nodes)
+
+    def between(a, b):
+        lags = (a[:, None] - b[None]).reshape(-1, 2)
+        blocks = gradient_covariance(lags, covariance).reshape(len(a), len(b), 2, 2)
+        return blocks.transpose(2, 0, 3, 1).reshape(2 * len(a), 2 * len(b))
+
+    noise = sample_noise(isotropic(xy, covariance), walk, error, white, covariance)
+    k = between(xy, xy) + np.kron(np.eye(2), noise)
+    b = between(nodes, xy)
+    weights = np.linalg.solve(k, b.T).T
+    sill = np.diag(gradient_covariance(np.zeros((1, 2)), covariance)[0])
+    variance = np.repeat(sill, m) - np.sum(weights * b, axis=1)
+    return (weights @ z.T.reshape(2 * n)).reshape(2, m).T, variance.reshape(2, m).T
+
+
+def spread_out(xy, walk, near, spacing, k):
+    """Indices of a neighbourhood: nearest first but for walks that have a sample close by; then the nearest others."""
+    chosen = []
+    for a in near:
+        close = [b for b in chosen if walk[b] == walk[a] and np.hypot(*(xy[a] - xy[b])) < spacing]
+        if len(chosen) < k and not close:
+            chosen.append(a)
+    rest = [a for a in near if a not in chosen]
+    return chosen + rest[: k - len(chosen)]
 
 
 def bilinear(plane, gx, gy):

@@ -11,9 +11,7 @@ from app.engine.inertial import steps as step_module
 from app.engine.inertial import window_means
 from app.engine.kernels import particle
 from app.engine.kernels.attitude import level
-from app.engine.kernels.kriging import krige_blocks
 from app.engine.kernels.windows import pauta_means
-from app.engine.mapping.model import Covariance
 from tests.reference import naive
 
 LEVEL = np.array([0.25, 1.0, 4e-4, 0.02, 0.06, 1.5, 2.0])
@@ -74,48 +72,6 @@ class TestAttitude:
         zeros, still = np.zeros((n, 3)), np.zeros(n, dtype=bool)
         level(t, zeros, zeros, zeros, still, np.array([1.0, 0, 0, 0]), np.zeros(2), np.zeros(12), LEVEL, out)
         assert np.isfinite(out).all()
-
-
-class TestKriging:
-    @pytest.mark.parametrize("channels", [1, 3])
-    @pytest.mark.parametrize("n", [1, 2, 40])
-    @pytest.mark.parametrize("fine", [0.0, 0.6])
-    def test_one_block_is_the_dense_solution(
-        self, rng: np.random.Generator, n: int, channels: int, fine: float
-    ) -> None:
-        xy = rng.uniform(0, 10, (n, 2))
-        walk = rng.integers(0, 3, n)
-        z = rng.standard_normal((n, channels))
-        nodes = rng.uniform(-1, 11, (12, 2))
-        covariance = Covariance(length_m=3.0, error=0.4, error_length_m=1.5, white=0.05, fine=fine, fine_length_m=1.0)
-        mean, var = np.empty((12, channels)), np.empty(12)
-        nb = np.arange(n)[None].repeat(2, axis=0)
-        krige_blocks(
-            xy, walk, z, nb, np.array([n, n]), nodes, np.array([0, 5, 12]), covariance.kernel_parameters(), mean, var
-        )
-        expected_mean, expected_var = naive.krige(xy, walk, z, nodes, covariance)
-        np.testing.assert_allclose(mean, expected_mean, atol=1e-9)
-        np.testing.assert_allclose(var, expected_var, atol=1e-9)
-
-    def test_without_neighbours_nothing_is_known(self) -> None:
-        mean, var = np.empty((2, 1)), np.empty(2)
-        krige_blocks(
-            np.zeros((1, 2)), np.zeros(1, np.int64), np.ones((1, 1)), np.zeros((1, 1), np.int64), np.array([0]),
-            np.zeros((2, 2)), np.array([0, 2]), Covariance().kernel_parameters(), mean, var,
-        )  # fmt: skip
-        assert (mean == 0).all()
-        assert (var == 1).all()
-
-    def test_repeated_samples_stay_finite(self) -> None:
-        xy = np.zeros((30, 2))
-        mean, var = np.empty((1, 1)), np.empty(1)
-        no_noise = np.array([1.0, 0.0, 1.0, 0.0, 0.0, 1.0])
-        krige_blocks(
-            xy, np.zeros(30, np.int64), np.ones((30, 1)), np.arange(30)[None], np.array([30]), np.zeros((1, 2)),
-            np.array([0, 1]), no_noise, mean, var,
-        )  # fmt: skip
-        assert np.isfinite(mean).all()
-        assert np.isfinite(var).all()
 
 
 def _particles(rng: np.random.Generator, n: int) -> np.ndarray:

@@ -15,6 +15,7 @@ from app.engine.calibration import (
     next_epoch,
     next_session,
     remember,
+    remember_offsets,
     remember_strides,
     unknown_device,
 )
@@ -23,6 +24,9 @@ from app.services.errors import InvalidError, NotFoundError
 from app.services.records import DeviceMemory, Job, JobKind, NewBuild, Session
 from app.services.tasks import BuildResult
 from tests.support.builders import World, calibration, locate_result, map_build, new_segment, new_walk
+
+WALK_OFFSET = (0.5, -1.0, 2.0)
+"""What every walk of a made map is found to have."""
 
 
 class Phone:
@@ -58,10 +62,11 @@ class Phone:
         self.learn(job, learned)
         return self.world.services.sessions.close(session.id)
 
-    def survey(self, *seeds: int, own: bool = True) -> list[str]:
+    def survey(self, *seeds: int, own: bool = True, epoch: str = "") -> list[str]:
         """Walks of a survey of its level, by the phone or by nobody; their ids."""
         survey = self.world.services.surveys.create(self.level_id, "survey")
-        walks = (replace(new_walk(seed=seed), device_id=self.id if own else None) for seed in seeds)
+        carried = {"device_id": self.id if own else None, "calibration_epoch": epoch}
+        walks = (replace(new_walk(seed=seed), **carried) for seed in seeds)
         return [self.world.services.surveys.add_walk(survey.id, walk)[0].id for walk in walks]
 
     def memories(self) -> tuple[DeviceMemory, ...]:
@@ -297,7 +302,8 @@ def test_a_survey_teaches_the_stride_of_the_device_it_names(phone: Phone) -> Non
     phone.world.build(phone.level_id, strides=strides)
     (memory,) = phone.memories()
     assert (memory.epoch, memory.n_sessions) == ("", 0)
-    assert memory.calibration == remember_strides(unknown_device(), list(strides.values())[:3])
+    taught = remember_strides(unknown_device(), list(strides.values())[:3])
+    assert memory.calibration == remember_offsets(taught, [WALK_OFFSET] * 3)
     assert phone.open("any").prior.calibration == next_epoch(memory.calibration)
 
 
@@ -309,10 +315,44 @@ def test_a_walk_teaches_with_the_first_map_it_goes_into(phone: Phone) -> None:
     assert phone.memories() == before
     phone.world.build(phone.level_id, strides=first | dict.fromkeys(phone.survey(3), 1.3))
     (memory,) = phone.memories()
-    assert memory.calibration == remember_strides(next_session(before[0].calibration), [1.3])
+    expected = remember_strides(next_session(before[0].calibration), [1.3])
+    assert memory.calibration.stride_scale == expected.stride_scale
+    assert memory.calibration.stride_scale_sd == expected.stride_scale_sd
 
 
-def test_a_survey_leaves_the_hard_iron_of_the_epoch_as_it_was(phone: Phone) -> None:
+def test_walks_teach_the_offset_of_their_own_epoch(phone: Phone) -> None:
+    phone.trip(calibration(6.0), "old")
+    phone.trip(calibration(-3.0), "new")
+    latest, older = phone.memories()
+    walks = phone.survey(1, 2, epoch="old") + phone.survey(3, epoch="third")
+    phone.world.build(phone.level_id, strides=dict.fromkeys(walks))
+    by_epoch = {memory.epoch: memory for memory in phone.memories()}
+    assert by_epoch["new"] == latest
+    iron = remember_offsets(next_session(older.calibration), [WALK_OFFSET] * 2)
+    assert by_epoch["old"].calibration == replace(older.calibration, offset=iron.offset, offset_sd=iron.offset_sd)
+    assert by_epoch["old"].n_sessions == older.n_sessions
+    third = remember_offsets(next_epoch(latest.calibration), [WALK_OFFSET])
+    assert by_epoch["third"].calibration.offset == third.offset
+    assert by_epoch["third"].calibration.stride_scale_sd == pytest.approx(third.stride_scale_sd)
+    assert by_epoch["third"].n_sessions == 0
+    phone.world.build(phone.level_id, strides=dict.fromkeys(walks))
+    assert {memory.epoch: memory for memory in phone.memories()} == by_epoch
+
+
+@pytest.mark.parametrize("why", ["not aligned", "few walks"])
+def test_offsets_that_were_not_compared_teach_nothing(phone: Phone, why: str) -> None:
+    own = phone.survey(1, 2)
+    walks: list[str] = [*own, *phone.survey(3, 4, own=False)]
+    if why == "not aligned":
+        phone.world.build(phone.level_id, strides=dict.fromkeys(walks), align=False)
+    else:
+        phone.world.build(phone.level_id, strides=dict.fromkeys(own))
+    assert phone.memories() == ()
+    phone.world.build(phone.level_id, strides=dict.fromkeys(walks))
+    assert phone.memories()[0].calibration == remember_offsets(unknown_device(), [WALK_OFFSET] * 2)
+
+
+def test_a_survey_leaves_the_hard_iron_of_other_epochs_as_it_was(phone: Phone) -> None:
     phone.trip(calibration(6.0), "old")
     phone.trip(calibration(-3.0), "new")
     latest, older = phone.memories()

@@ -20,7 +20,7 @@ def test_a_build_is_queued_for_the_level_with_its_settings(world: World) -> None
     (claimed,) = world.services.processing.claim(5)
     spec = world.services.processing.build_spec(claimed)
     assert (spec.level_id, spec.settings) == (level.id, build.settings)
-    np.testing.assert_array_equal(spec.walks[0].samples.mag, new_walk().samples.mag)
+    np.testing.assert_array_equal(spec.walks[0].walk.samples.mag, new_walk().samples.mag)
 
 
 def test_a_build_without_walks_is_refused(world: World) -> None:
@@ -117,7 +117,7 @@ def test_radio_readings_of_the_survey_reach_the_build(world: World) -> None:
     world.services.surveys.add_walk(survey.id, new_walk(seed=1, wifi=scans()))
     world.services.maps.request_build(NewBuild(level.id))
     (job,) = world.services.processing.claim(1)
-    bare, heard = world.services.processing.build_spec(job).walks
+    bare, heard = (new.walk for new in world.services.processing.build_spec(job).walks)
     assert bare.wifi is None
     assert heard.wifi is not None
     assert heard.wifi.address == scans().address

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from app.engine.types import Progress
-from app.services import trajectories
+from app.services import stored_segments
 from app.services.errors import NotFoundError, NotSmoothableError
 from app.services.ids import seed_of
 from app.services.ports import WorkerLostError
@@ -113,18 +113,18 @@ def test_what_cannot_be_smoothed_is_refused_before_a_worker_sees_it(
     with pytest.raises(NotSmoothableError, match="dead_reckoning") as caught:
         smooth(other.id)
     assert caught.value.field == "method"
-    monkeypatch.setattr(trajectories, "MAX_SEGMENTS", 1)
+    monkeypatch.setattr(stored_segments, "MAX_SEGMENTS", 1)
     with pytest.raises(NotSmoothableError, match="2 segments") as caught:
         smooth(session_id)
     assert caught.value.field == "session_id"
-    monkeypatch.setattr(trajectories, "MAX_SEGMENTS", 2)
-    monkeypatch.setattr(trajectories, "MAX_SPAN_S", 9.0)
+    monkeypatch.setattr(stored_segments, "MAX_SEGMENTS", 2)
+    monkeypatch.setattr(stored_segments, "MAX_SPAN_S", 9.0)
     with pytest.raises(NotSmoothableError, match="minutes of samples"):
         smooth(session_id)
     assert worker.specs == []
-    monkeypatch.setattr(trajectories, "MAX_SPAN_S", 10.0)
+    monkeypatch.setattr(stored_segments, "MAX_SPAN_S", 10.0)
     assert smooth(session_id).fixes
 
 
 def test_the_bound_is_half_an_hour_of_usual_segments() -> None:
-    assert (trajectories.MAX_SEGMENTS, trajectories.MAX_SPAN_S) == (360, 1800.0)
+    assert (stored_segments.MAX_SEGMENTS, stored_segments.MAX_SPAN_S) == (360, 1800.0)

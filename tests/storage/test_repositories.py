@@ -17,6 +17,7 @@ from app.services.ports import UnitOfWork
 from app.services.records import (
     Anchor,
     ApiKey,
+    Carrier,
     Device,
     DeviceMemory,
     Job,
@@ -267,12 +268,16 @@ def test_walks(database: Database) -> None:
 
 def test_devices_of_walks(database: Database) -> None:
     write(database, add_survey, lambda uow: uow.devices.add(Device("dev_1", "phone", None, START)))
-    own = replace(walk("wlk_1", content_hash="a" * 64), device_id="dev_1")
+    own = replace(walk("wlk_1", content_hash="a" * 64), device_id="dev_1", calibration_epoch="bias-1")
     write(database, lambda uow: uow.surveys.add_walk(own, new_walk()))
     write(database, lambda uow: uow.surveys.add_walk(walk("wlk_2", content_hash="b" * 64), new_walk()))
     with database() as uow:
-        assert uow.surveys.devices("lvl_1") == {"wlk_1": "dev_1"}
-        assert uow.surveys.devices("lvl_2") == {}
+        assert uow.surveys.carriers("lvl_1") == {"wlk_1": Carrier("dev_1", "bias-1", offset_remembered=False)}
+        assert uow.surveys.carriers("lvl_2") == {}
+        assert uow.surveys.get_walk("wlk_1") == own
+    write(database, lambda uow: uow.surveys.mark_offsets_remembered(["wlk_1"], LATER))
+    with database() as uow:
+        assert uow.surveys.carriers("lvl_1")["wlk_1"].offset_remembered
 
 
 def test_walks_of_some_surveys(database: Database) -> None:

@@ -25,6 +25,7 @@ from app.engine.types import (
     GridMap,
     ImuSamples,
     MapBuild,
+    MapBuildSettings,
     PressureReadings,
     Progress,
     RadioMap,
@@ -53,7 +54,7 @@ from app.services.records import (
     Session,
     VenueKind,
 )
-from app.services.tasks import BuildResult, LocateResult, LocateSpec, SmoothResult, SmoothSpec
+from app.services.tasks import BuildResult, LocateResult, LocateSpec, ReplayResult, ReplaySpec, SmoothResult, SmoothSpec
 from app.storage import Database, FileMapCache
 
 Spec = TypeVar("Spec")
@@ -251,7 +252,7 @@ def map_build(
     walk_ids: Sequence[str] = ("wlk_1", "wlk_2"),
     plan: bool = False,
     radio: RadioMap | None = None,
-    strides: Mapping[str, float] | None = None,
+    strides: Mapping[str, float | None] | None = None,
 ) -> MapBuild:
     """A finished build whose last walk was rejected; ``strides`` are the stride scales by walk, walks of their own."""
     reports = tuple(
@@ -326,6 +327,17 @@ def answer_smooth(spec: SmoothSpec, progress: Progress) -> SmoothResult:
     return SmoothResult(fixes, cpu_s=0.0)
 
 
+def answer_replay(spec: ReplaySpec, progress: Progress) -> ReplayResult:
+    """A replay task without an engine: what ``answer_locate`` tells of each segment."""
+    state, fixes = None, []
+    for segment in spec.segments:
+        part = LocateSpec(spec.method, spec.parameters, spec.prior, spec.seed, state, segment, spec.maps)
+        result = answer_locate(part, progress)
+        state = result.state
+        fixes += result.fixes
+    return ReplayResult(tuple(fixes), cpu_s=0.0)
+
+
 def check_known_method(method: str, parameters: Mapping[str, object]) -> None:
     """A method check without an engine."""
     if method not in ("particle", "dead_reckoning", "auto"):
@@ -371,6 +383,7 @@ class World:
             listener=listener,
             locate_task=answer_locate,
             smooth_task=answer_smooth,
+            replay_task=answer_replay,
             max_queued=max_queued,
             check=check_known_method,
         )
@@ -411,10 +424,16 @@ class World:
         return venue_id, levels
 
     def build(
-        self, level_id: str, *, seed: int = 0, radio: RadioMap | None = None, strides: Mapping[str, float] | None = None
+        self,
+        level_id: str,
+        *,
+        seed: int = 0,
+        radio: RadioMap | None = None,
+        strides: Mapping[str, float | None] | None = None,
+        align: bool = True,
     ) -> Job:
         """Request a map and complete the job by hand."""
-        requested = self.services.maps.request_build(NewBuild(level_id))
+        requested = self.services.maps.request_build(NewBuild(level_id, MapBuildSettings(align=align)))
         (job,) = self.services.processing.claim(1, JobKind.BUILD_MAP)
         assert job.id == requested.id
         build = map_build(level_id, seed=seed, radio=radio, strides=strides)

@@ -10,14 +10,14 @@ import pytest
 from app.engine.errors import InputError, MapError
 from app.engine.geodesy import TangentPlane
 from app.engine.localization.registry import create_tracker
-from app.engine.mapping import build_map
+from app.engine.mapping import NewWalk, build_map
 from app.engine.types import DeviceCalibration, FixKind, GridMap, ImuSamples, MapBuildSettings, Prior, Segment
 from app.services.aids import Recording
 from app.services.tasks import BuildSpec, LocateSpec, MapRef, SmoothSpec
 from app.storage.map_cache import open_map
 from app.workers.bootstrap import warm_up
 from app.workers.processes import ProcessExecutor
-from app.workers.tasks import LocateSegment, OpenMaps, SmoothSession, SpecMaps, build_level_map
+from app.workers.tasks import BuildMap, LocateSegment, OpenMaps, SmoothSession, SpecMaps
 from tests.e2e.synthetic import EXTENT, survey_walks, trip
 from tests.support.builders import all_aids, samples
 from tests.workers.conftest import type_makes
@@ -214,10 +214,10 @@ def test_the_spec_names_the_maps_a_tracker_may_use(grid_map: GridMap) -> None:
 
 
 def test_building_reports_progress_and_time() -> None:
-    walks = tuple(walk.survey(f"wlk_{i}") for i, walk in enumerate(survey_walks()))
+    walks = tuple(NewWalk(walk.survey(f"wlk_{i}"), device=f"dev_{i}") for i, walk in enumerate(survey_walks()))
     seen: list[float] = []
     spec = BuildSpec(LEVEL, walks, MapBuildSettings(extent=EXTENT))
-    result = build_level_map(spec, lambda fraction, text: seen.append(fraction))
+    result = BuildMap(Shelf({}, []).open)(spec, lambda fraction, text: seen.append(fraction))
     assert result.cpu_s > 0
     assert result.build.grid_map.level_id == LEVEL
     assert seen

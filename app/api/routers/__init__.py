@@ -1,6 +1,8 @@
 """One router a noun."""
 
 from app.api.routers import (
+    contributions,
+    device_models,
     devices,
     exchange,
     health,
@@ -10,13 +12,16 @@ from app.api.routers import (
     locate,
     maps,
     methods,
+    planning,
     positions,
+    replays,
     segments,
     sessions,
     stats,
     surveys,
     trajectories,
     venues,
+    versions,
 )
 
 ROUTERS = (
@@ -24,13 +29,18 @@ ROUTERS = (
     venues.router,
     levels.router,
     devices.router,
+    device_models.router,
     surveys.router,
     maps.router,
+    versions.router,
+    planning.router,
     exchange.router,
     sessions.router,
+    contributions.router,
     segments.router,
     positions.router,
     trajectories.router,
+    replays.router,
     locate.router,
     jobs.router,
     methods.router,

@@ -49,8 +49,14 @@ def list_devices(services: ServicesDep, paging: PagingDep, request: Request, res
     responses=guarded(errors.NOT_FOUND),
 )
 def get_device(device_id: str, services: ServicesDep) -> DeviceDetailOut:
-    """One device, with what its closed sessions taught about its magnetometer and its carrier's stride."""
-    return DeviceDetailOut.with_memories(services.devices.get(device_id), services.devices.memories(device_id))
+    """One device, with what its closed sessions and survey walks taught about its magnetometer and carrier.
+
+    `next_session` says what its next session starts with, and whether that comes from the device or from its model.
+    """
+    devices = services.devices
+    return DeviceDetailOut.with_memories(
+        devices.get(device_id), devices.memories(device_id), devices.next_start(device_id)
+    )
 
 
 @router.delete(

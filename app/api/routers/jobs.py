@@ -19,7 +19,11 @@ from app.services.records import ApiKey, Job, JobKind, JobState, Scope
 
 router = api_router("jobs")
 
-SCOPE_OF: Mapping[JobKind, Scope] = {JobKind.LOCATE_SEGMENT: Scope.LOCATE, JobKind.BUILD_MAP: Scope.SURVEY}
+SCOPE_OF: Mapping[JobKind, Scope] = {
+    JobKind.LOCATE_SEGMENT: Scope.LOCATE,
+    JobKind.BUILD_MAP: Scope.SURVEY,
+    JobKind.CONTRIBUTE: Scope.SURVEY,
+}
 """Who may see and cancel a job: whoever may cause such a one."""
 
 
@@ -34,14 +38,14 @@ def list_jobs(
     state: Annotated[JobState | None, Query(description="In this state only.")] = None,
 ) -> JobPage:
     """Jobs of the kinds that the key's scopes cover, newest first."""
-    page = services.jobs.list(_shown_kind(key, kind), state, paging.cursor, paging.limit)
+    page = services.jobs.list(_shown_kinds(key, kind), state, paging.cursor, paging.limit)
     link_next(request, response, page.next_cursor)
     return JobPage(items=[JobOut.of(job) for job in page.items], next_cursor=page.next_cursor)
 
 
 @router.get("/v1/jobs/{job_id}", summary="Read a job", dependencies=[any_key()], responses=guarded(errors.NOT_FOUND))
 def get_job(job_id: str, services: ServicesDep, key: KeyDep) -> JobOut:
-    """One job with its progress and result. A segment's job takes the scope `locate`, a map build `survey`."""
+    """One job with its progress and result. A segment's job takes the scope `locate`, any other `survey`."""
     return JobOut.of(_allowed(key, services.jobs.get(job_id)))
 
 
@@ -54,7 +58,7 @@ def get_job(job_id: str, services: ServicesDep, key: KeyDep) -> JobOut:
 def cancel_job(job_id: str, services: ServicesDep, key: KeyDep) -> JobOut:
     """Cancel a job that has not ended; cancelling again changes nothing. A cancelled segment gives no fixes.
 
-    A segment's job takes the scope `locate`, a map build `survey`.
+    A segment's job takes the scope `locate`, any other `survey`.
     """
     _allowed(key, services.jobs.get(job_id))
     return JobOut.of(services.jobs.cancel(job_id))
@@ -70,12 +74,12 @@ def _check(key: ApiKey, kind: JobKind) -> None:
         raise ForbiddenError(SCOPE_OF[kind].value)
 
 
-def _shown_kind(key: ApiKey, asked: JobKind | None) -> JobKind | None:
-    """Return the kind to list (None: all)."""
+def _shown_kinds(key: ApiKey, asked: JobKind | None) -> tuple[JobKind, ...]:
+    """Return the kinds to list."""
     if asked is not None:
         _check(key, asked)
-        return asked
-    kinds = [kind for kind, scope in SCOPE_OF.items() if has_scope(key, scope)]
+        return (asked,)
+    kinds = tuple(kind for kind, scope in SCOPE_OF.items() if has_scope(key, scope))
     if not kinds:
         raise ForbiddenError(Scope.LOCATE.value)
-    return kinds[0] if len(kinds) == 1 else None
+    return kinds

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Annotated
 
 import anyio
@@ -20,7 +21,8 @@ from app.api.pagination import PagingDep, link_next
 from app.api.rendering import png_size
 from app.api.responses import NOT_MODIFIED, OBJECT, binary, guarded
 from app.api.routing import api_router
-from app.api.schemas.levels import PLAN_EXAMPLE, LevelIn, LevelOut, LevelPage
+from app.api.schemas.levels import PLAN_EXAMPLE, LevelFoundOut, LevelIn, LevelOut, LevelPage
+from app.api.search import SearchDep
 from app.api.structure import PLAN_BOUNDS
 from app.api.validation import FieldError
 from app.services.records import Scope
@@ -63,12 +65,15 @@ def list_levels(
     paging: PagingDep,
     request: Request,
     response: Response,
+    search: SearchDep,
     venue_id: Annotated[str | None, Query(description="Of this venue only.")] = None,
+    ordinal: Annotated[int | None, Query(ge=-100, le=1000, description="Of this height order only.")] = None,
 ) -> LevelPage:
-    """Levels, newest first."""
-    page = services.venues.list_levels(venue_id, paging.cursor, paging.limit)
+    """Levels, newest first, or with `near` nearest first."""
+    page = services.search.levels(replace(search, ordinal=ordinal), venue_id, paging.cursor, paging.limit)
     link_next(request, response, page.next_cursor)
-    return LevelPage(items=[LevelOut.of(level) for level in page.items], next_cursor=page.next_cursor)
+    items = [LevelFoundOut.found(one) for one in page.items]
+    return LevelPage(items=items, next_cursor=page.next_cursor)
 
 
 @router.get(

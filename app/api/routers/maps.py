@@ -10,11 +10,11 @@ from starlette.concurrency import run_in_threadpool
 
 from app.api import errors, rendering
 from app.api.auth import any_key, needs
-from app.api.deps import PREFER_PARAMETER, ContextDep, ServicesDep, WaitDep
+from app.api.deps import PREFER_PARAMETER, ContextDep, KeyDep, ServicesDep, WaitDep
 from app.api.etag import IMMUTABLE, headers, not_modified, tag, tagged
 from app.api.pagination import PagingDep, link_next
 from app.api.rendering import Channel, Statistic
-from app.api.responses import NOT_MODIFIED, OBJECT, guarded
+from app.api.responses import NOT_MODIFIED, OBJECT, RASTER_HEADERS, guarded
 from app.api.routing import api_router
 from app.api.schemas.jobs import JobOut
 from app.api.schemas.maps import CoverageOut, MapIn, MapOut, MapPage
@@ -53,10 +53,10 @@ class CoverageFormat(StrEnum):
     },
     openapi_extra={"parameters": [PREFER_PARAMETER]},
 )
-async def build_map(body: MapIn, context: ContextDep, wait: WaitDep) -> Response:
+async def build_map(body: MapIn, context: ContextDep, wait: WaitDep, key: KeyDep) -> Response:
     """Queue the building of a level's next map version; the job's `result` will name it (`map_id`)."""
     settings = MapBuildSettings(features=body.features, cell_m=body.cell_m, mapped_m=body.mapped_m, align=body.align)
-    new = NewBuild(level_id=body.level_id, settings=settings, survey_ids=body.survey_ids)
+    new = NewBuild(body.level_id, settings, body.survey_ids, body.mode, publish=body.publish, key_id=key.id)
     job = await run_in_threadpool(context.services.maps.request_build, new)
     finished = await context.broker.wait(job.id, wait.seconds) if wait.seconds else None
     return Response(
@@ -114,16 +114,7 @@ def get_map(map_id: str, request: Request, services: ServicesDep) -> Response:
                 PNG: {"schema": {"type": "string", "contentMediaType": PNG}},
                 RAW: {"schema": {"type": "string", "contentMediaType": RAW}},
             },
-            "headers": {
-                "ETag": {"schema": {"type": "string"}},
-                "X-Isodyn-Rows": {"schema": {"type": "integer"}},
-                "X-Isodyn-Columns": {"schema": {"type": "integer"}},
-                "X-Isodyn-X0": {"schema": {"type": "number"}, "description": "Of node [0, 0], m."},
-                "X-Isodyn-Y0": {"schema": {"type": "number"}},
-                "X-Isodyn-Cell-M": {"schema": {"type": "number"}},
-                "X-Isodyn-Low": {"schema": {"type": "number"}, "description": "Value of the first colour (PNG)."},
-                "X-Isodyn-High": {"schema": {"type": "number"}, "description": "Value of the last colour (PNG)."},
-            },
+            "headers": RASTER_HEADERS,
         },
         **NOT_MODIFIED,
         **guarded(errors.NOT_FOUND, errors.INVALID),
@@ -164,8 +155,7 @@ def get_field(
     if format is FieldFormat.F32:
         return tagged(rendering.raw(values), RAW, entity_tag, IMMUTABLE, place)
     shown = rendering.colour_range(values, low, high)
-    legend = {"X-Isodyn-Low": f"{shown.low:.6g}", "X-Isodyn-High": f"{shown.high:.6g}"}
-    return tagged(rendering.png(values, shown), PNG, entity_tag, IMMUTABLE, {**place, **legend})
+    return tagged(rendering.png(values, shown), PNG, entity_tag, IMMUTABLE, {**place, **rendering.legend(shown)})
 
 
 @router.get(
@@ -214,11 +204,4 @@ def get_coverage(
 
 
 def _place(grid: GridMap) -> dict[str, str]:
-    rows, columns = grid.shape
-    return {
-        "X-Isodyn-Rows": str(rows),
-        "X-Isodyn-Columns": str(columns),
-        "X-Isodyn-X0": repr(float(grid.x0)),
-        "X-Isodyn-Y0": repr(float(grid.y0)),
-        "X-Isodyn-Cell-M": repr(float(grid.cell_m)),
-    }
+    return rendering.place_headers(grid.shape, grid.x0, grid.y0, grid.cell_m)

@@ -11,7 +11,7 @@ from app.api import errors
 from app.api.auth import needs
 from app.api.deps import ServicesDep
 from app.api.errors import NoAnchorError
-from app.api.geojson import GEO_JSON, feature_collection
+from app.api.geojson import GEO_JSON, feature_collection, wants_geo_json
 from app.api.pagination import PagingDep, next_link
 from app.api.responses import guarded, schema_of
 from app.api.routing import api_router
@@ -60,7 +60,7 @@ def list_positions(
     With `Accept: application/geo+json` they are points in WGS 84, with level metres in the properties; the venue
     needs an anchor for that.
     """
-    anchor = _anchor(services, session_id) if _wants_geo_json(request) else None
+    anchor = _anchor(services, session_id) if wants_geo_json(request) else None
     page = services.sessions.positions(session_id, seq, paging.cursor, paging.limit, kind=kind)
     headers = {"Vary": "Accept"}
     if page.next_cursor is not None:
@@ -70,18 +70,6 @@ def list_positions(
         return Response(orjson.dumps(content), media_type="application/json", headers=headers)
     collection = feature_collection(page.items, anchor, page.next_cursor)
     return Response(orjson.dumps(collection), media_type=GEO_JSON, headers=headers)
-
-
-def _wants_geo_json(request: Request) -> bool:
-    """Whether GeoJSON is preferred: named, and not behind plain JSON."""
-    ranks: dict[str, float] = {}
-    for item in request.headers.get("accept", "").split(","):
-        name, _, parameters = item.partition(";")
-        key, _, value = parameters.strip().partition("=")
-        weighted = key.strip() == "q" and value.strip().replace(".", "", 1).isdigit()
-        ranks[name.strip().lower()] = float(value) if weighted else 1.0
-    geo = ranks.get(GEO_JSON, 0.0)
-    return geo > 0 and geo >= ranks.get("application/json", 0.0)
 
 
 def _anchor(services: Services, session_id: str) -> Anchor:

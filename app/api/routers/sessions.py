@@ -8,7 +8,7 @@ from fastapi import Query, Request, Response
 
 from app.api import errors
 from app.api.auth import needs
-from app.api.deps import ServicesDep
+from app.api.deps import KeyDep, ServicesDep
 from app.api.idempotency import IDEMPOTENCY_PARAMETER, CreationDep
 from app.api.pagination import PagingDep, link_next
 from app.api.responses import OBJECT, guarded
@@ -27,11 +27,13 @@ router = api_router("sessions")
     responses=guarded(*OBJECT, errors.NOT_FOUND, errors.NO_MAP, errors.IDEMPOTENCY_REUSE),
     openapi_extra={"parameters": [IDEMPOTENCY_PARAMETER]},
 )
-def create_session(body: SessionIn, services: ServicesDep, creation: CreationDep, response: Response) -> SessionOut:
+def create_session(
+    body: SessionIn, services: ServicesDep, creation: CreationDep, key: KeyDep, response: Response
+) -> SessionOut:
     """Open a session: one trip of one device, on a level or (level unknown) anywhere in a venue.
 
     Exactly one of `level_id` and `venue_id`. The level's current map (or `map_id`) is pinned to the session, or the
-    current maps of all levels of the venue that have one.
+    current maps of all levels of the venue that have one (with `map_ids` in place of some).
     """
     session = creation.once(
         lambda: services.sessions.create(
@@ -42,7 +44,9 @@ def create_session(body: SessionIn, services: ServicesDep, creation: CreationDep
             venue_id=body.venue_id,
             device_id=body.device_id,
             map_id=body.map_id,
+            map_ids=body.map_ids,
             calibration_epoch=body.calibration_epoch,
+            contributor=key.id if body.contribute else None,
         ),
         services.sessions.get,
     )

@@ -11,7 +11,8 @@ from app.api.idempotency import IDEMPOTENCY_PARAMETER, CreationDep
 from app.api.pagination import PagingDep, link_next
 from app.api.responses import OBJECT, guarded
 from app.api.routing import api_router
-from app.api.schemas.venues import VenueIn, VenueOut, VenuePage, VenuePatch
+from app.api.schemas.venues import VenueFoundOut, VenueIn, VenueOut, VenuePage, VenuePatch
+from app.api.search import SearchDep
 from app.services.records import Scope
 
 router = api_router("venues")
@@ -34,11 +35,14 @@ def create_venue(body: VenueIn, services: ServicesDep, creation: CreationDep, re
 
 
 @router.get("/v1/venues", summary="List venues", dependencies=[any_key()], responses=guarded(errors.INVALID))
-def list_venues(services: ServicesDep, paging: PagingDep, request: Request, response: Response) -> VenuePage:
-    """Venues, newest first."""
-    page = services.venues.list(paging.cursor, paging.limit)
+def list_venues(
+    services: ServicesDep, paging: PagingDep, request: Request, response: Response, search: SearchDep
+) -> VenuePage:
+    """Venues, newest first, or with `near` nearest first."""
+    page = services.search.venues(search, paging.cursor, paging.limit)
     link_next(request, response, page.next_cursor)
-    return VenuePage(items=[VenueOut.of(venue) for venue in page.items], next_cursor=page.next_cursor)
+    items = [VenueFoundOut.found(one) for one in page.items]
+    return VenuePage(items=items, next_cursor=page.next_cursor)
 
 
 @router.get(

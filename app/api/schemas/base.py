@@ -17,6 +17,12 @@ Metres = Annotated[float, Field(strict=True, ge=-1e6, le=1e6)]
 Integer = Annotated[int, Field(strict=True)]
 
 
+Distance = Annotated[
+    float | None,
+    Field(description="Metres from the place named in `near` to the bounding box (0: inside); null without `near`."),
+]
+
+
 def _iso(value: datetime) -> str:
     return value.isoformat(timespec="milliseconds").replace("+00:00", "Z")
 

@@ -114,18 +114,47 @@ class DeviceOut(Out):
         return cls(id=device.id, name=device.name, model=device.model, created_at=device.created_at)
 
 
+_START = {"epoch": "bias-5f2c", "source": "device", "calibration": CALIBRATION_EXAMPLE}
+
+
+class StartOut(Out):
+    """What the next session starts with."""
+
+    model_config = example(_START)
+
+    epoch: Annotated[str, Field(description="If it is of this `calibration_epoch`: the one used last.")]
+    source: Annotated[
+        records.CalibrationSource,
+        Field(description="`device`: its own memory, and for what that does not hold its model; `model`; or `none`."),
+    ]
+    calibration: Annotated[CalibrationOut | None, Field(description="Null: nothing is known.")]
+
+    @classmethod
+    def of(cls, start: records.StartingCalibration) -> Self:
+        """Show a start."""
+        known = start.calibration and CalibrationOut.of(start.calibration)
+        return cls(epoch=start.epoch, source=start.source, calibration=known)
+
+
 class DeviceDetailOut(DeviceOut):
     """A device with what its sessions taught about it."""
 
-    model_config = example({**_DEVICE, "calibrations": [_MEMORY]})
+    model_config = example({**_DEVICE, "calibrations": [_MEMORY], "next_session": _START})
 
+    next_session: StartOut
     calibrations: Annotated[list[DeviceCalibrationOut], Field(description="Per epoch, the one used last first.")]
 
     @classmethod
-    def with_memories(cls, device: records.Device, memories: Sequence[records.DeviceMemory]) -> Self:
-        """Show a device and what is remembered of it."""
+    def with_memories(
+        cls,
+        device: records.Device,
+        memories: Sequence[records.DeviceMemory],
+        start: records.StartingCalibration,
+    ) -> Self:
+        """Show a device, what is remembered of it, and what that makes of its next session."""
         calibrations = [DeviceCalibrationOut.of_memory(memory) for memory in memories]
-        return cls(**DeviceOut.of(device).model_dump(), calibrations=calibrations)
+        next_session = StartOut.of(start)
+        return cls(**DeviceOut.of(device).model_dump(), calibrations=calibrations, next_session=next_session)
 
 
 class DevicePage(PageOut):

@@ -7,7 +7,7 @@ from typing import Annotated, Any, Self
 from pydantic import Field, model_validator
 from pydantic_core import PydanticCustomError
 
-from app.api.schemas.base import In, Integer, Metres, Name, Out, PageOut, Time, example
+from app.api.schemas.base import Distance, In, Integer, Metres, Name, Out, PageOut, Time, example
 from app.api.schemas.venues import VENUE_ID
 from app.services import records
 
@@ -117,9 +117,22 @@ class LevelOut(Out):
         )
 
 
+class LevelFoundOut(LevelOut):
+    """A level of a list."""
+
+    model_config = example({**_LEVEL, "distance_m": None})
+
+    distance_m: Distance = None
+
+    @classmethod
+    def found(cls, one: records.Found[records.Level]) -> Self:
+        """Show a level that was looked for."""
+        return cls(**LevelOut.of(one.item).model_dump(), distance_m=one.distance_m and round(one.distance_m, 2))
+
+
 class LevelPage(PageOut):
-    """Levels, newest first."""
+    """Levels, newest first, or nearest first where a place was named."""
 
-    model_config = example({"items": [_LEVEL], "next_cursor": None})
+    model_config = example({"items": [{**_LEVEL, "distance_m": None}], "next_cursor": None})
 
-    items: list[LevelOut]
+    items: list[LevelFoundOut]

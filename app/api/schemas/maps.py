@@ -12,6 +12,7 @@ from app.api.schemas.levels import LEVEL_ID
 from app.api.schemas.surveys import SURVEY_ID, WALK_ID
 from app.engine.types import FeatureSet, MapBuildSettings, WalkReport
 from app.services import records
+from app.services.records import MapKind
 
 MAP_ID = "map_019ab2c4d1e07f3a9b2c4d5e6f"
 _DEFAULTS = MapBuildSettings()
@@ -46,6 +47,9 @@ _MAP = {
     "field_sd": [5.9, 6.1, 7.2],
     "walks": [_REPORT],
     "build_s": 1.9,
+    "kind": "build",
+    "added": [WALK_ID],
+    "removed": [],
     "n_transmitters": 214,
     "radio_cell_m": 2.0,
     "n_routes": 12,
@@ -80,6 +84,13 @@ class MapIn(In):
     mapped_m: Annotated[
         Number, Field(ge=0.1, le=20, description="A node with a survey sample this near counts as mapped.")
     ] = _DEFAULTS.mapped_m
+    mode: Annotated[
+        MapKind,
+        Field(
+            description="`build`: from all walks at once. `update`: add to the current map the walks that it lacks "
+            "and take out those deleted since; only what they touch is computed anew, with the current map's settings."
+        ),
+    ] = MapKind.BUILD
     align: Annotated[
         bool,
         Field(
@@ -88,6 +99,14 @@ class MapIn(In):
             "for calibrated devices along lines that hardly cross: there what differs between walks is the field.",
         ),
     ] = _DEFAULTS.align
+    publish: Annotated[
+        bool,
+        Field(
+            strict=True,
+            description="Whether new sessions use the version once it is built. False: a draft, to be looked at and "
+            "published with `PUT /v1/levels/{level_id}/map`.",
+        ),
+    ] = True
 
 
 class MapOriginOut(Out):
@@ -168,6 +187,11 @@ class MapOut(Out):
     field_sd: list[float]
     walks: list[WalkReportOut]
     build_s: float
+    kind: Annotated[MapKind, Field(description="Built from all walks, or its parent brought up to date.")]
+    added: Annotated[
+        list[str], Field(description="Walks that went into it (of an update: that its parent lacked), fit or not.")
+    ]
+    removed: Annotated[list[str], Field(description="Walks of its parent that an update took out.")]
     n_transmitters: Annotated[
         int | None, Field(description="Access points and beacons of the radio layer; null without radio in the survey.")
     ]
@@ -183,9 +207,11 @@ class MapOut(Out):
     @classmethod
     def of(cls, info: records.MapInfo) -> Self:
         """Show a map version."""
-        plain = {item.name: getattr(info, item.name) for item in fields(info)}
+        plain = {item.name: getattr(info, item.name) for item in fields(info) if item.name != "model"}
         lists = {
             "noise_sd": list(info.noise_sd),
+            "added": list(info.added),
+            "removed": list(info.removed),
             "field_sd": list(info.field_sd),
             "walks": [WalkReportOut.of(report) for report in info.walks],
             "origin": None if info.origin is None else MapOriginOut.of(info.origin),

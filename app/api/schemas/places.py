@@ -8,6 +8,7 @@ from typing import Annotated, Any
 from pydantic import Field
 
 from app.api.schemas.base import IdRef, Out
+from app.services.places import MAX_LEVELS
 from app.services.records import LevelMap
 
 LevelOfTrip = Annotated[IdRef | None, Field(description="The level. Send this or `venue_id`.")]
@@ -16,6 +17,14 @@ VenueOfTrip = Annotated[
     Field(description="Any level of this venue that has a map: which one, is found. Send this or `level_id`."),
 ]
 MapOfTrip = Annotated[IdRef | None, Field(description="A map version of the level; null: its current one.")]
+MapsOfTrip = Annotated[
+    tuple[IdRef, ...],
+    Field(
+        max_length=MAX_LEVELS,
+        description="Map versions to use in place of the current ones, at most one a level; drafts too. Levels of the "
+        "venue that none is named for keep their current map.",
+    ),
+]
 
 MapIdOut = Annotated[
     str | None, Field(description="The map version of the level; null if any level was possible: see `maps`.")

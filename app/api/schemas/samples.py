@@ -13,7 +13,7 @@ from pydantic import BeforeValidator, ConfigDict, Field
 from pydantic_core import PydanticCustomError
 
 from app.api.schemas.aids import AIDS_EXAMPLE, AidsIn, BleIn, WifiIn
-from app.api.schemas.base import IdRef, Integer, Name
+from app.api.schemas.base import Epoch, IdRef, Integer, Name
 from app.api.schemas.columns import ColumnsIn, MetreColumn, SensorColumn, TimeColumn
 
 MAX_SEQ = 2**31 - 1
@@ -94,6 +94,10 @@ class WalkIn(ColumnsIn):
     name: Name
     frame: Frame = Frame.ANDROID
     device_id: IdRef | None = None
+    calibration_epoch: Annotated[
+        Epoch,
+        Field(description="Changes when the platform recalibrates the device's magnetometer: as sessions name it."),
+    ] = ""
     samples: SamplesIn
     waypoints: WaypointsIn
     wifi: WifiIn | None = None

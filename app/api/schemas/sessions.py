@@ -13,7 +13,7 @@ from app.api.schemas.devices import CALIBRATION_EXAMPLE, DEVICE_ID, CalibrationO
 from app.api.schemas.levels import LEVEL_ID
 from app.api.schemas.maps import MAP_ID
 from app.api.schemas.methods import MethodName, MethodReason
-from app.api.schemas.places import LevelOfTrip, MapIdOut, MapOfTrip, MapsOut, VenueOfTrip, maps_object
+from app.api.schemas.places import LevelOfTrip, MapIdOut, MapOfTrip, MapsOfTrip, MapsOut, VenueOfTrip, maps_object
 from app.api.schemas.venues import VENUE_ID
 from app.engine.localization.registry import DEFAULT_METHOD
 from app.engine.types import Prior
@@ -38,6 +38,7 @@ _SESSION = {
     "created_at": "2026-11-22T09:30:00.000Z",
     "closed_at": None,
     "calibration_epoch": "bias-5f2c",
+    "contributes": False,
     "calibration": CALIBRATION_EXAMPLE,
 }
 _DEFAULTS = Prior(level_id="")
@@ -137,6 +138,7 @@ class SessionIn(In):
     prior: PriorIn | None = None
     device_id: IdRef | None = None
     map_id: MapOfTrip = None
+    map_ids: MapsOfTrip = ()
     calibration_epoch: Annotated[
         Epoch,
         Field(
@@ -146,6 +148,15 @@ class SessionIn(In):
             )
         ),
     ] = ""
+    contribute: Annotated[
+        bool,
+        Field(
+            strict=True,
+            description="Offer what the session saw to the maps of its levels when it is closed, in the name of the "
+            "key that opened it; it counts only where independent contributors agree. No more than places and field "
+            "is kept with the map. Ask the person who carries the device before you set this.",
+        ),
+    ] = False
 
 
 class SessionOut(Out):
@@ -168,6 +179,7 @@ class SessionOut(Out):
     created_at: Time
     closed_at: Time | None
     calibration_epoch: str
+    contributes: Annotated[bool, Field(description="Whether it offers to maps what it saw.")]
     calibration: Annotated[
         CalibrationOut | None,
         Field(description="What earlier sessions taught about the device, used as this one began; null: nothing."),
@@ -191,6 +203,7 @@ class SessionOut(Out):
             created_at=session.created_at,
             closed_at=session.closed_at,
             calibration_epoch=session.calibration_epoch,
+            contributes=session.contributor is not None,
             calibration=session.prior.calibration and CalibrationOut.of(session.prior.calibration),
         )
 

@@ -24,6 +24,7 @@ _WALK = {
     "survey_id": SURVEY_ID,
     "name": "corridor, there and back",
     "device_id": None,
+    "calibration_epoch": "",
     "n_samples": 3120,
     "n_waypoints": 9,
     "duration_s": 62.4,
@@ -82,6 +83,7 @@ class WalkOut(Out):
     survey_id: str
     name: str
     device_id: str | None
+    calibration_epoch: str
     n_samples: int
     n_waypoints: int
     duration_s: float
@@ -97,6 +99,7 @@ class WalkOut(Out):
             survey_id=walk.survey_id,
             name=walk.name,
             device_id=walk.device_id,
+            calibration_epoch=walk.calibration_epoch,
             n_samples=walk.n_samples,
             n_waypoints=walk.n_waypoints,
             duration_s=walk.duration_s,

@@ -6,7 +6,7 @@ from typing import Annotated, Self
 
 from pydantic import Field
 
-from app.api.schemas.base import In, Name, Number, Out, PageOut, Time, example
+from app.api.schemas.base import Distance, In, Name, Number, Out, PageOut, Time, example
 from app.services import records
 from app.services.records import VenueKind
 
@@ -96,9 +96,22 @@ class VenueOut(Out):
         )
 
 
+class VenueFoundOut(VenueOut):
+    """A venue of a list."""
+
+    model_config = example({**_VENUE, "distance_m": None})
+
+    distance_m: Distance = None
+
+    @classmethod
+    def found(cls, one: records.Found[records.Venue]) -> Self:
+        """Show a venue that was looked for."""
+        return cls(**VenueOut.of(one.item).model_dump(), distance_m=one.distance_m and round(one.distance_m, 2))
+
+
 class VenuePage(PageOut):
-    """Venues, newest first."""
+    """Venues, newest first, or nearest first where a place was named."""
 
-    model_config = example({"items": [_VENUE], "next_cursor": None})
+    model_config = example({"items": [{**_VENUE, "distance_m": None}], "next_cursor": None})
 
-    items: list[VenueOut]
+    items: list[VenueFoundOut]

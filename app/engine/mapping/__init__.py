@@ -1,8 +1,25 @@
-"""Magnetic maps: placing survey walks, aligning them, kriging the field."""
+"""Magnetic maps: placing survey walks, aligning them, kriging the field, bringing maps up to date."""
 
 from app.engine.mapping.builder import build_map
-from app.engine.mapping.kriging import krige, krige_grid
-from app.engine.mapping.model import Covariance, FieldLevel, FieldSamples
+from app.engine.mapping.kriging import krige, krige_grid, krige_nodes
+from app.engine.mapping.model import Covariance, FieldLevel, FieldSamples, MapModel, field_samples
 from app.engine.mapping.plan import FloorPlan, Polygon
+from app.engine.mapping.update import MapUpdate, NewWalk, reach_m, update_map
 
-__all__ = ["Covariance", "FieldLevel", "FieldSamples", "FloorPlan", "Polygon", "build_map", "krige", "krige_grid"]
+__all__ = [
+    "Covariance",
+    "FieldLevel",
+    "FieldSamples",
+    "FloorPlan",
+    "MapModel",
+    "MapUpdate",
+    "NewWalk",
+    "Polygon",
+    "build_map",
+    "field_samples",
+    "krige",
+    "krige_grid",
+    "krige_nodes",
+    "reach_m",
+    "update_map",
+]

@@ -23,7 +23,7 @@ from app.engine.mapping.model import Covariance, FieldLevel, FieldSamples
 from app.engine.mapping.offsets import estimate_offsets
 from app.engine.mapping.samples import PlacedSamples
 from app.engine.mapping.variogram import field_level
-from app.engine.types import BoolArray, Float64Array, IntArray, Progress
+from app.engine.types import BoolArray, Float64Array, GridMap, IntArray, Progress
 
 _FOLDS = 4
 _MIN_WALKS = 4
@@ -147,10 +147,11 @@ class OthersMap:
     Attributes
     ----------
     x0, y0 : float, m
-        Node ``[0, 0]``; nodes are half a metre apart.
+        Node ``[0, 0]``.
     mean, sd : arrays, shape (3, rows, columns), uT
     noise_sd : array, shape (3,), uT
         What a sample differs from the field by.
+    cell_m : float, m
     """
 
     x0: float
@@ -158,10 +159,17 @@ class OthersMap:
     mean: Float64Array
     sd: Float64Array
     noise_sd: Float64Array
+    cell_m: float = _CELL_M
+
+    @classmethod
+    def of(cls, grid_map: GridMap) -> OthersMap:
+        """A finished map of the vector field."""
+        mean, sd = grid_map.mean.astype(np.float64), grid_map.sd.astype(np.float64)
+        return cls(grid_map.x0, grid_map.y0, mean, sd, np.array(grid_map.noise_sd), grid_map.cell_m)
 
     def log_likelihood(self, field: Float64Array, xy: Float64Array, degrees_of_freedom: float) -> Float64Array:
         """Student t log density, but for a constant, of ``field`` (n, 3) at ``xy`` (n, a, b, 2); shape (n, a, b)."""
-        at = np.stack([(xy[..., 1] - self.y0) / _CELL_M, (xy[..., 0] - self.x0) / _CELL_M])
+        at = np.stack([(xy[..., 1] - self.y0) / self.cell_m, (xy[..., 0] - self.x0) / self.cell_m])
         square, log_sd = np.zeros(xy.shape[:-1]), np.zeros(xy.shape[:-1])
         for c in range(3):
             mean, sd = (map_coordinates(layer[c], at, order=1, mode="nearest") for layer in (self.mean, self.sd))

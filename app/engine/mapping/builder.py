@@ -8,14 +8,14 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial import cKDTree
 
-from app.engine.errors import InputError, MapError
-from app.engine.mapping.adjustment import adjust_walks
+from app.engine.errors import MapError
 from app.engine.mapping.kriging import krige_grid
 from app.engine.mapping.model import FieldLevel, FieldSamples, MapModel
 from app.engine.mapping.offsets import WalkOffsets, estimate_offsets, no_offsets
+from app.engine.mapping.placing import SHARE, PlacedWalks, place_walks
 from app.engine.mapping.plan import FloorPlan, obstacle_depth
 from app.engine.mapping.radio import build_radio_map
-from app.engine.mapping.samples import PlacedSamples, place_samples
+from app.engine.mapping.samples import PlacedSamples
 from app.engine.mapping.variogram import field_level, fit_covariance, repeatability
 from app.engine.types import (
     Evidence,
@@ -45,6 +45,7 @@ def build_map(
     progress: Progress | None = None,
     *,
     plan: FloorPlan | None = None,
+    placing: PlacedWalks | None = None,
 ) -> MapBuild:
     """Build a map with mean and standard deviation per node.
 
@@ -61,6 +62,8 @@ def build_map(
     progress : callable or None
     plan : FloorPlan or None
         Walls and rooms; kept with the map as depth in obstacles.
+    placing : PlacedWalks or None
+        These walks as :func:`place_walks` placed them before, with the same ``align``.
 
     Raises
     ------
@@ -69,14 +72,13 @@ def build_map(
     """
     settings = settings or MapBuildSettings()
     say = progress or _silent
-    placed, reports = _place_all(walks, say)
+    if placing is None:
+        placing = place_walks(walks, align=settings.align, progress=lambda f, what: say(SHARE * f, what))
+    placed, labelled, reports = placing.adjusted, placing.labelled, placing.rejected
     if not placed:
         reasons = "; ".join(f"{r.walk_id}: {r.rejected}" for r in reports[:3])
         raise MapError(f"no walk could be placed ({reasons or 'none given'})")
-    labelled = placed
-    if settings.align:
-        placed = adjust_walks(placed, progress=lambda f, what: say(0.2 + 0.1 * f, what))
-    say(0.3, "offsets of walks")
+    say(SHARE, "offsets of walks")
     offsets = estimate_offsets(placed) if settings.align else no_offsets(len(placed))
     samples = _field_samples(placed, offsets, settings.features)
     by_labels = replace(samples, xy=np.concatenate([walk.xy for walk in labelled]))
@@ -108,7 +110,7 @@ def build_map(
         length_scale_m=covariance.length_m,
         field_sd=tuple(float(s) for s in level.sd),
         evidence=_evidence(samples, placed, settings.features),
-        model=MapModel(level, covariance).values(),
+        model={**MapModel(level, covariance).values(), "align": settings.align},
     )
 
 
@@ -134,18 +136,6 @@ def _evidence(samples: FieldSamples, placed: Sequence[PlacedSamples], features: 
 
 def _silent(_fraction: float, _what: str) -> None:
     return
-
-
-def _place_all(walks: Sequence[SurveyWalk], say: Progress) -> tuple[list[PlacedSamples], list[WalkReport]]:
-    """Placed walks, and reports of those that could not be."""
-    placed, rejected = [], []
-    for i, walk in enumerate(walks):
-        try:
-            placed.append(place_samples(walk))
-        except InputError as error:
-            rejected.append(WalkReport(walk.walk_id, 0, 0.0, (), 0.0, rejected=str(error)))
-        say(0.2 * ((i + 1) / len(walks)), "placing walks")
-    return placed, rejected
 
 
 def _field_samples(placed: Sequence[PlacedSamples], offsets: WalkOffsets, features: FeatureSet) -> FieldSamples:

@@ -16,10 +16,11 @@ True
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -46,6 +47,7 @@ Split = Literal["train", "test"]
 WIFI_MAX_AGE_MS = 3000
 """Older entries of a scan are left out: at walking pace they were heard several metres back."""
 _REPEATED_MS = 50.0
+_BIAS = ("mag_bias_x", "mag_bias_y", "mag_bias_z")
 
 
 @dataclass(frozen=True)
@@ -160,7 +162,7 @@ def _read_walks(folder: Path) -> tuple[RecordedWalk, ...]:
     traces = read_table(
         folder / "traces.parquet",
         ("trace_id", "row_start", "n_samples", "split", "start_unix_ms"),
-        ("device_brand", "device_model"),
+        ("device_brand", "device_model", *_BIAS),
     ).to_pylist()
     imu = ImuColumns.read(folder / "imu.parquet")
     labels = read_labels(folder / "waypoints.parquet")
@@ -184,9 +186,17 @@ def _read_walks(folder: Path) -> tuple[RecordedWalk, ...]:
                 ble_log=ble[walk_id].log(start_ms) if walk_id in ble else None,
                 device=" ".join(str(trace.get(name) or "") for name in ("device_brand", "device_model")).strip(),
                 path_length_m=path_length(points),
+                calibration_epoch=_epoch(trace),
             )
         )
     return tuple(walks)
+
+
+def _epoch(trace: Mapping[str, Any]) -> str:
+    """The platform's hard-iron bias: no two phones share it, and it changes when the platform calibrates anew."""
+    bias = [trace.get(name) for name in _BIAS]
+    known = all(isinstance(value, float) and np.isfinite(value) for value in bias)
+    return " ".join(f"{value:.1f}" for value in bias) if known else ""
 
 
 def _read_wifi(path: Path) -> dict[str, _RadioRows]:

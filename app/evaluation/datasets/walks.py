@@ -51,6 +51,8 @@ class RecordedWalk:
         Sum of the straight legs between the waypoints.
     device_heading : float or None, rad, level frame
         As in :class:`app.engine.types.SurveyWalk`.
+    calibration_epoch : str
+        Names the phone and the epoch of its magnetometer's own calibration; empty if unknown.
     even_pace : bool
         Truth between the labels runs linearly in time, because the source says so; else in steps.
     """
@@ -65,6 +67,7 @@ class RecordedWalk:
     device_heading: float | None = None
     even_pace: bool = False
     ble_log: RadioLog | None = None
+    calibration_epoch: str = ""
 
     @property
     def wifi(self) -> RadioScans | None:

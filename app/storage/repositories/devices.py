@@ -48,7 +48,8 @@ class SqlDeviceRepository(Repository):
         """Remember this of the device's epoch, in place of what was."""
         table = device_calibrations
         self._write(delete(table).where(table.c.device_id == memory.device_id, table.c.epoch == memory.epoch))
-        self._write(insert(table).values(_columns(memory)))
+        model = select(devices.c.model).where(devices.c.id == memory.device_id).scalar_subquery()
+        self._write(insert(table).values({**_columns(memory), "model": model}))
 
     def forget(self, device_id: str) -> None:
         """Delete all that is remembered of the device."""
@@ -71,6 +72,11 @@ def _columns(memory: DeviceMemory) -> dict[str, Any]:
 
 
 def _memory(row: Row[Any]) -> DeviceMemory:
+    return DeviceMemory(row.device_id, row.epoch, calibration_of(row), row.n_sessions, row.updated_at)
+
+
+def calibration_of(row: Row[Any]) -> DeviceCalibration:
+    """The calibration of a stored memory."""
     calibration = DeviceCalibration(
         offset=(row.offset_x, row.offset_y, row.offset_z),
         offset_sd=(row.offset_sd_x, row.offset_sd_y, row.offset_sd_z),
@@ -80,7 +86,7 @@ def _memory(row: Row[Any]) -> DeviceMemory:
     if row.soft_iron is not None:  # remembered before soft iron was: nothing is known of it
         elements, sd = map(tuple, row.soft_iron)
         calibration = replace(calibration, soft_iron=elements, soft_iron_sd=sd)
-    return DeviceMemory(row.device_id, row.epoch, calibration, row.n_sessions, row.updated_at)
+    return calibration
 
 
 def _device(row: Row[Any]) -> Device:

@@ -66,13 +66,15 @@ class SqlJobRepository(Repository):
         """One job."""
         return _job(self._one("job", job_id, _GET, {"job": job_id}))
 
-    def list(self, *, kind: JobKind | None, state: JobState | None, cursor: str | None, limit: int) -> Page[Job]:
+    def list(self, *, kinds: Sequence[JobKind], state: JobState | None, cursor: str | None, limit: int) -> Page[Job]:
         """Jobs, newest first."""
         statement = select(jobs)
-        if kind is not None:
-            statement = statement.where(jobs.c.kind == kind)
+        if kinds:
+            statement = statement.where(jobs.c.kind.in_(kinds))
         if state is not None:
-            statement = statement.where(jobs.c.state == state)
+            # nearly all jobs are done: the list itself fills a page at once, sorting an index does not
+            unsorted = func.coalesce(jobs.c.state, "") if state is JobState.DONE else jobs.c.state
+            statement = statement.where(unsorted == state)
         return self._newest_first(statement, jobs.c.id, _job, cursor=cursor, limit=limit)
 
     def claim(self, *, limit: int, now: datetime, kind: JobKind | None = None) -> Sequence[Job]:
@@ -129,6 +131,13 @@ class SqlJobRepository(Repository):
     def count(self, *states: JobState) -> int:
         """How many jobs are in these states."""
         return int(self._read(_COUNT, {"states": states}).scalar_one())
+
+    def is_queued(self, order_key: str, kind: JobKind) -> bool:
+        """Whether a job of this key and kind waits that nobody has begun."""
+        statement = select(jobs.c.id).where(
+            jobs.c.state == JobState.QUEUED, jobs.c.kind == kind, jobs.c.order_key == order_key
+        )
+        return self._read(statement.limit(1)).first() is not None
 
     def is_pending(self, order_key: str) -> bool:
         """Whether a job of this key is queued or running."""

@@ -8,19 +8,25 @@ from typing import Any
 
 from sqlalchemy import Row, delete, insert, select, update
 
-from app.services.records import Level, LevelMap, Page
-from app.storage.models import current_maps, level_plans, levels
-from app.storage.repositories.base import Repository, expect_one
+from app.services.records import Found, Level, LevelMap, Page
+from app.services.search import Search
+from app.storage.models import current_maps, level_plans, levels, venues
+from app.storage.places import box_columns, box_of
+from app.storage.repositories.base import expect_one
+from app.storage.repositories.placed import PlacedRepository
+from app.storage.repositories.venues import anchor_of, level_box
 
 _IMAGE, _VECTOR = "image", "vector"
 _SELECT = select(levels, current_maps.c.map_id).outerjoin(current_maps, current_maps.c.level_id == levels.c.id)
 
 
-class SqlLevelRepository(Repository):
+class SqlLevelRepository(PlacedRepository):
     """Port ``LevelRepository``."""
 
     def add(self, level: Level) -> None:
-        """Store a level."""
+        """Store a level; its venue reaches as far as it does."""
+        venue = self._one("venue", level.venue_id, select(venues).where(venues.c.id == level.venue_id))
+        box = level_box(anchor_of(venue), level.extent)
         x_min, y_min, x_max, y_max = level.extent
         self._write(
             insert(levels).values(
@@ -36,8 +42,13 @@ class SqlLevelRepository(Repository):
                 has_vector_plan=level.has_vector_plan,
                 created_at=level.created_at,
                 updated_at=level.updated_at,
+                **box_columns(box),
             )
         )
+        self._set_words(level.id, level.name, venue.name)
+        if box is not None:
+            whole = box.union(box_of(venue) or box)
+            self._write(update(venues).where(venues.c.id == venue.id).values(box_columns(whole)))
 
     def get(self, level_id: str) -> Level:
         """One level."""
@@ -47,6 +58,13 @@ class SqlLevelRepository(Repository):
         """Levels, newest first."""
         statement = _SELECT if venue_id is None else _SELECT.where(levels.c.venue_id == venue_id)
         return self._newest_first(statement, levels.c.id, _level, cursor=cursor, limit=limit)
+
+    def find(self, search: Search, *, venue_id: str | None, cursor: str | None, limit: int) -> Page[Found[Level]]:
+        """Levels of a search: nearest first where it names a place, else newest first."""
+        statement = _SELECT if venue_id is None else _SELECT.where(levels.c.venue_id == venue_id)
+        if search.ordinal is not None:
+            statement = statement.where(levels.c.ordinal == search.ordinal)
+        return self._find(statement, levels, _level, search, cursor=cursor, limit=limit)
 
     def set_plan_image(self, level_id: str, png: bytes, now: datetime) -> None:
         """Store the plan image."""
@@ -66,11 +84,14 @@ class SqlLevelRepository(Repository):
         """The vector plan, if there is one."""
         return self._plan(level_id, _VECTOR)
 
-    def set_current_map(self, level_id: str, map_id: str, now: datetime) -> None:
-        """Make a map the one that new sessions use."""
+    def set_current_map(self, level_id: str, map_id: str, now: datetime) -> str | None:
+        """Make a map the one that new sessions use; returns the one of before."""
         self._mark(level_id, now)
-        self._write(delete(current_maps).where(current_maps.c.level_id == level_id))
+        of_level = current_maps.c.level_id == level_id
+        before: str | None = self._read(select(current_maps.c.map_id).where(of_level)).scalar()
+        self._write(delete(current_maps).where(of_level))
         self._write(insert(current_maps).values(level_id=level_id, map_id=map_id))
+        return before
 
     def current_maps(self, venue_id: str, *, limit: int) -> Sequence[LevelMap]:
         """Current maps of the venue's levels that have one, lowest level first, at most ``limit``."""

@@ -2,15 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from collections.abc import Set as AbstractSet
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from typing import Any
 
-from sqlalchemy import Row, Table, func, insert, null, select
+from sqlalchemy import ColumnElement, Row, Table, func, insert, literal, not_, null, select, update
 
-from app.engine.types import FeatureSet, GridMap, MapBuildSettings, WalkReport
-from app.services.records import MapInfo, MapOrigin, NewBuild, PackedLayer, PackedMap, PackedTile, Page
-from app.storage.models import map_builds, map_tiles, maps, radio_layers, route_layers, tiles
+from app.engine.types import Evidence, FeatureSet, GridMap, MapBuildSettings, WalkReport
+from app.services.ports import Box
+from app.services.records import MapInfo, MapKind, MapOrigin, NewBuild, PackedLayer, PackedMap, PackedTile, Page
+from app.storage.evidence import pack_evidence, tiles_in, unpack_evidence
+from app.storage.models import (
+    evidence_tiles,
+    map_builds,
+    map_evidence,
+    map_tiles,
+    maps,
+    radio_layers,
+    route_layers,
+    tiles,
+)
 from app.storage.repositories.base import Repository
 from app.storage.tiles import header_from, pack_map, unpack_map
 
@@ -28,6 +40,8 @@ _PLAIN = (  # stored as they are
         "n_transmitters",
         "radio_cell_m",
         "n_routes",
+        "kind",
+        "model",
     ),
 )
 _KNOWN_CHUNK = 500  # parameters of one IN list; SQLite takes at least 999
@@ -38,32 +52,90 @@ class SqlMapRepository(Repository):
 
     def add_build(self, job_id: str, build: NewBuild) -> None:
         """Note what a build job is to build."""
-        settings = asdict(build.settings)
         self._write(
             insert(map_builds).values(
-                job_id=job_id, level_id=build.level_id, settings=settings, survey_ids=list(build.survey_ids)
+                job_id=job_id,
+                level_id=build.level_id,
+                settings=asdict(build.settings),
+                survey_ids=list(build.survey_ids),
+                mode=build.mode,
+                publish=build.publish,
+                key_id=build.key_id,
             )
         )
 
     def get_build(self, job_id: str) -> NewBuild:
         """What a build job is to build."""
-        row = self._one("map build", job_id, select(map_builds).where(map_builds.c.job_id == job_id))
-        return NewBuild(row.level_id, _settings(row.settings), tuple(row.survey_ids))
+        return _build(self._one("map build", job_id, select(map_builds).where(map_builds.c.job_id == job_id)))
 
-    def pack(self, grid_map: GridMap) -> PackedMap:
+    def finish_build(self, job_id: str, map_id: str) -> None:
+        """Note which map came of a build."""
+        self._write(update(map_builds).where(map_builds.c.job_id == job_id).values(map_id=map_id))
+
+    def build_of(self, map_id: str) -> NewBuild | None:
+        """The build that a map came of; None for those of before this was noted, and for maps that were not built."""
+        row = self._read(select(map_builds).where(map_builds.c.map_id == map_id)).one_or_none()
+        return None if row is None else _build(row)
+
+    def tile_hashes(self, map_id: str) -> Sequence[str]:
+        """Content hashes of a map's tiles, row by row."""
+        ordered = select(map_tiles.c.tile_hash).order_by(map_tiles.c.row, map_tiles.c.column)
+        return self._read(ordered.where(map_tiles.c.map_id == map_id)).scalars().all()
+
+    def pack(self, grid_map: GridMap, evidence: Evidence | None = None) -> PackedMap:
         """Cut into tiles, compress and hash; touches no table."""
-        return pack_map(grid_map)
+        packed = pack_map(grid_map)
+        return packed if evidence is None else replace(packed, evidence=pack_evidence(evidence))
 
-    def add(self, info: MapInfo, packed: PackedMap) -> None:
+    def add(self, info: MapInfo, packed: PackedMap, *, keep: Box | None = None) -> None:
         """Store a map version; tiles and layers that an earlier version has are shared."""
-        known = self._known({tile.hash for tile in packed.tiles})
-        fresh = {tile.hash: tile for tile in packed.tiles if tile.hash not in known}
-        if fresh:
-            self._write(insert(tiles), [{"hash": tile.hash, "data": tile.data} for tile in fresh.values()])
+        self._add_tiles(tiles, packed.tiles)
+        self._add_tiles(evidence_tiles, packed.evidence)
         radio_hash = self._add_layer(radio_layers, packed.radio)
         routes_hash = self._add_layer(route_layers, packed.routes)
         self._write(insert(maps).values(**_columns(info), radio_hash=radio_hash, routes_hash=routes_hash))
         self._write(insert(map_tiles), [_place(info.id, tile) for tile in packed.tiles])
+        if packed.evidence:
+            self._write(insert(map_evidence), [_place(info.id, tile) for tile in packed.evidence])
+        if keep is not None and info.parent_id is not None:
+            self._keep_evidence(info.id, info.parent_id, keep)
+
+    def evidence(self, map_id: str, box: Box | None = None) -> Evidence | None:
+        """What a map rests on."""
+        info = self.get(map_id)
+        if info.model is None:
+            return None
+        statement = select(evidence_tiles.c.data).join(map_evidence, evidence_tiles.c.hash == map_evidence.c.tile_hash)
+        statement = statement.where(map_evidence.c.map_id == map_id)
+        if box is not None:
+            statement = statement.where(_inside(box))
+        ordered = statement.order_by(map_evidence.c.row, map_evidence.c.column)
+        return unpack_evidence(info.features, self._read(ordered).scalars())
+
+    def sources(self, map_id: str) -> AbstractSet[str]:
+        """Ids of all walks and contributions that went into a version, or were found unfit for it."""
+        level_id = self.get(map_id).level_id
+        columns = (maps.c.id, maps.c.parent_id, maps.c.kind, maps.c.added, maps.c.removed)
+        versions = {row.id: row for row in self._read(select(*columns).where(maps.c.level_id == level_id))}
+        known: set[str] = set()
+        gone: set[str] = set()
+        version = versions[map_id]
+        while True:  # from the newest back, so that what was taken out and added again counts
+            known |= set(version.added or ()) - gone
+            gone |= set(version.removed or ()) - known
+            if version.kind == MapKind.BUILD or version.parent_id is None:
+                return known
+            version = versions[version.parent_id]
+
+    def reports(self, map_id: str) -> Mapping[str, WalkReport]:
+        """Reports about the walks of a version by walk id: of its build, and of the updates since."""
+        columns = (maps.c.id, maps.c.parent_id, maps.c.kind, maps.c.walks)
+        rows = self._read(select(*columns).where(maps.c.level_id == self.get(map_id).level_id))
+        versions = {row.id: row for row in rows}
+        chain = [versions[map_id]]
+        while chain[-1].kind == MapKind.UPDATE and chain[-1].parent_id is not None:
+            chain.append(versions[chain[-1].parent_id])
+        return {report.walk_id: report for version in reversed(chain) for report in map(_report, version.walks)}
 
     def get(self, map_id: str) -> MapInfo:
         """One map version, without its tiles."""
@@ -101,6 +173,18 @@ class SqlMapRepository(Repository):
         header = header_from({name: getattr(info, name) for name in info.__slots__})
         return unpack_map(header, ((row.row, row.column, row.data) for row in rows), radio, routes)
 
+    def _add_tiles(self, table: Table, packed: Sequence[PackedTile]) -> None:
+        known = self._known(table, {tile.hash for tile in packed})
+        fresh = {tile.hash: tile for tile in packed if tile.hash not in known}
+        if fresh:
+            self._write(insert(table), [{"hash": tile.hash, "data": tile.data} for tile in fresh.values()])
+
+    def _keep_evidence(self, map_id: str, parent_id: str, box: Box) -> None:
+        """The parent's tiles outside of the box, which an update has not touched."""
+        columns = (map_evidence.c.row, map_evidence.c.column, map_evidence.c.tile_hash)
+        kept = select(literal(map_id), *columns).where(map_evidence.c.map_id == parent_id, not_(_inside(box)))
+        self._write(insert(map_evidence).from_select(["map_id", "row", "column", "tile_hash"], kept))
+
     def _add_layer(self, table: Table, layer: PackedLayer | None) -> str | None:
         if layer is None:
             return None
@@ -108,13 +192,29 @@ class SqlMapRepository(Repository):
             self._write(insert(table).values(hash=layer.hash, data=layer.data))
         return layer.hash
 
-    def _known(self, hashes: set[str]) -> set[str]:
+    def _known(self, table: Table, hashes: set[str]) -> set[str]:
         ordered = sorted(hashes)
         known: set[str] = set()
         for start in range(0, len(ordered), _KNOWN_CHUNK):
             chunk = ordered[start : start + _KNOWN_CHUNK]
-            known.update(self._read(select(tiles.c.hash).where(tiles.c.hash.in_(chunk))).scalars())
+            known.update(self._read(select(table.c.hash).where(table.c.hash.in_(chunk))).scalars())
         return known
+
+
+def _build(row: Row[Any]) -> NewBuild:
+    return NewBuild(
+        level_id=row.level_id,
+        settings=_settings(row.settings),
+        survey_ids=tuple(row.survey_ids),
+        mode=MapKind(row.mode),
+        publish=row.publish,
+        key_id=row.key_id,
+    )
+
+
+def _inside(box: Box) -> ColumnElement[bool]:
+    rows, columns = tiles_in(box)
+    return map_evidence.c.row.between(rows[0], rows[-1]) & map_evidence.c.column.between(columns[0], columns[-1])
 
 
 def _settings(stored: dict[str, Any]) -> MapBuildSettings:
@@ -138,6 +238,8 @@ def _columns(info: MapInfo) -> dict[str, Any]:
         "features": info.features,
         "noise_sd": list(info.noise_sd),
         "field_sd": list(info.field_sd),
+        "added": list(info.added),
+        "removed": list(info.removed),
         "walks": [asdict(walk) for walk in info.walks],
         "origin": null() if info.origin is None else asdict(info.origin),
     }
@@ -146,13 +248,20 @@ def _columns(info: MapInfo) -> dict[str, Any]:
 def _info(row: Row[Any]) -> MapInfo:
     values = row._mapping
     return MapInfo(
-        **{name: values[name] for name in _PLAIN},
+        **{name: values[name] for name in _PLAIN if name != "kind"},
+        kind=MapKind(values["kind"]),
+        added=tuple(values["added"] or ()),
+        removed=tuple(values["removed"] or ()),
         features=FeatureSet(values["features"]),
         noise_sd=tuple(values["noise_sd"]),
         field_sd=tuple(values["field_sd"]),
-        walks=tuple(WalkReport(**{**walk, "offset": tuple(walk["offset"])}) for walk in values["walks"]),
+        walks=tuple(map(_report, values["walks"])),
         origin=_origin(values["origin"]),
     )
+
+
+def _report(stored: dict[str, Any]) -> WalkReport:
+    return WalkReport(**{**stored, "offset": tuple(stored["offset"])})
 
 
 def _origin(stored: dict[str, Any] | None) -> MapOrigin | None:

@@ -130,6 +130,7 @@ class SqlSessionRepository(Repository):
                 "closed_at": session.closed_at,
                 "calibration_epoch": session.calibration_epoch,
                 "method_reason": session.method_reason,
+                "contributor": session.contributor,
             },
         )
 
@@ -319,6 +320,7 @@ def _session(row: Row[Any]) -> Session:
         closed_at=row.closed_at,
         calibration_epoch=row.calibration_epoch,
         method_reason=row.method_reason,
+        contributor=row.contributor,
     )
 
 

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from datetime import datetime
 from typing import Any
 
-from sqlalchemy import Row, Select, delete, func, insert, select
+from sqlalchemy import Row, Select, delete, func, insert, select, update
 
 from app.engine.types import SurveyWalk
-from app.services.records import NewWalk, Page, Survey, Walk
+from app.services.records import Carrier, NewWalk, Page, Survey, Walk
 from app.storage.columns import (
     decode_samples,
     decode_scans,
@@ -20,6 +21,7 @@ from app.storage.columns import (
 from app.storage.models import surveys, walk_samples, walks
 from app.storage.repositories.base import Repository, expect_one, page
 
+_MARK_CHUNK = 500  # parameters of one IN list; SQLite takes at least 999
 _N_WALKS = select(func.count()).where(walks.c.survey_id == surveys.c.id).scalar_subquery()
 _SELECT = select(surveys, _N_WALKS.label("n_walks"))
 _RECORDED = tuple(walk_samples.c[name] for name in ("samples", "waypoints", "wifi", "ble"))
@@ -59,6 +61,7 @@ class SqlSurveyRepository(Repository):
                 length_m=walk.length_m,
                 content_hash=walk.content_hash,
                 created_at=walk.created_at,
+                calibration_epoch=walk.calibration_epoch,
             )
         )
         self._write(
@@ -81,6 +84,11 @@ class SqlSurveyRepository(Repository):
         row = self._read(statement).one_or_none()
         return None if row is None else _walk(row)
 
+    def find_walks(self, walk_ids: Sequence[str]) -> Mapping[str, Walk]:
+        """Those of these walks that are stored (still), by id."""
+        rows = self._read(select(walks).where(walks.c.id.in_(walk_ids)))
+        return {row.id: _walk(row) for row in rows}
+
     def list_walks(self, survey_id: str, *, cursor: str | None, limit: int) -> Page[Walk]:
         """Walks of a survey, oldest first."""
         statement = select(walks).where(walks.c.survey_id == survey_id)
@@ -98,16 +106,34 @@ class SqlSurveyRepository(Repository):
         """How many walks a build from these surveys would read."""
         return int(self._read(_of_level(select(func.count()), level_id, survey_ids)).scalar_one())
 
-    def devices(self, level_id: str) -> Mapping[str, str]:
-        """The device of each of the level's walks that name one, by walk id."""
-        statement = _of_level(select(walks.c.id, walks.c.device_id), level_id, ())
-        return {row.id: row.device_id for row in self._read(statement.where(walks.c.device_id.is_not(None)))}
+    def walk_ids(self, level_id: str, survey_ids: Sequence[str]) -> Sequence[str]:
+        """Ids of the level's walks (of these surveys only, when any are named), oldest first."""
+        return self._read(_of_level(select(walks.c.id), level_id, survey_ids).order_by(walks.c.id)).scalars().all()
 
-    def load_walks(self, level_id: str, survey_ids: Sequence[str]) -> Sequence[SurveyWalk]:
-        """Samples of all walks of the level (of these surveys only, when any are named), oldest first."""
+    def carriers(self, level_id: str) -> Mapping[str, Carrier]:
+        """The device of each of the level's walks that name one, by walk id."""
+        columns = (walks.c.id, walks.c.device_id, walks.c.calibration_epoch, walks.c.offset_remembered_at)
+        statement = _of_level(select(*columns), level_id, ()).where(walks.c.device_id.is_not(None))
+        return {
+            row.id: Carrier(row.device_id, row.calibration_epoch, row.offset_remembered_at is not None)
+            for row in self._read(statement)
+        }
+
+    def mark_offsets_remembered(self, walk_ids: Sequence[str], now: datetime) -> None:
+        """Note that these walks' offsets are in their devices' memories."""
+        for start in range(0, len(walk_ids), _MARK_CHUNK):
+            chunk = walk_ids[start : start + _MARK_CHUNK]
+            self._write(update(walks).where(walks.c.id.in_(chunk)).values(offset_remembered_at=now))
+
+    def load_walks(
+        self, level_id: str, survey_ids: Sequence[str], *, only: Sequence[str] | None = None
+    ) -> Sequence[SurveyWalk]:
+        """Samples of the level's walks (of these surveys, or only these walks, when any are named), oldest first."""
         statement = _of_level(select(walks.c.id, *_RECORDED), level_id, survey_ids).join(
             walk_samples, walk_samples.c.walk_id == walks.c.id
         )
+        if only is not None:
+            statement = statement.where(walks.c.id.in_(only))
         return [_recorded(row) for row in self._read(statement.order_by(walks.c.id))]
 
     def load_walk(self, walk_id: str) -> SurveyWalk:
@@ -148,4 +174,5 @@ def _walk(row: Row[Any]) -> Walk:
         length_m=row.length_m,
         content_hash=row.content_hash,
         created_at=row.created_at,
+        calibration_epoch=row.calibration_epoch,
     )

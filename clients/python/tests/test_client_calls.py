@@ -498,6 +498,34 @@ def test_coverage_is_a_mask(service: FakeService, client: Client) -> None:
         client.map_coverage("map_1")
 
 
+def test_quality_of_a_map(service: FakeService, client: Client) -> None:
+    values = np.array([[0.5, np.nan]], dtype="<f4")
+    headers = {"X-Isodyn-Rows": "1", "X-Isodyn-Columns": "2", "X-Isodyn-X0": "0", "X-Isodyn-Y0": "0"}
+    service.will(httpx.Response(200, content=values.tobytes(), headers={**headers, "X-Isodyn-Cell-M": "1"}))
+    raster = client.quality_raster("map_1", "across", heading_deg=45)
+    assert dict(service.requests[0].url.params) == {"layer": "across", "heading_deg": "45", "format": "f32"}
+    np.testing.assert_array_equal(raster.values, values)
+    service.will(httpx.Response(200, content=b"png"))
+    assert client.quality_image("map_1") == b"png"
+    assert dict(service.requests[1].url.params) == {"layer": "mean_error", "format": "png"}
+
+
+def test_suggestions_and_forecasts(service: FakeService, client: Client) -> None:
+    line = {"start": [0, 1], "end": [2, 3], "length_m": 2.8, "gain_m2": 9.0, "reasons": ["thin"], "words": "few walks"}
+    service.will(ok({"map_id": "map_1", "unknown_before": 0.5, "unknown_after": 0.4, "suggestions": [line]}))
+    (found,) = client.survey_suggestions("map_1", count=3).suggestions
+    assert (found.start, found.reasons) == ((0.0, 1.0), ("thin",))
+    assert dict(service.requests[0].url.params) == {"count": "3"}
+    service.will(httpx.Response(200, content=b"{}"))
+    assert client.suggestions_geojson("map_1") == b"{}"
+    assert service.requests[1].headers["Accept"] == "application/geo+json"
+    columns = {name: [0.0] for name in ("way_m", "x", "y", "along_m", "across_m", "error_m")}
+    rest = {"map_id": "map_1", "length_m": 1, "mapped_share": 1, "mean_m": 1, "p90_m": 1, "stretches": []}
+    service.will(ok({**columns, **rest, "mapped": [True]}))
+    assert client.forecast_route("map_1", [(0, 1), (2, 3)]).mapped == (True,)
+    assert json.loads(service.requests[2].content) == {"route": {"x": [0.0, 2.0], "y": [1.0, 3.0]}}
+
+
 def test_another_service_is_not_understood(service: FakeService, client: Client) -> None:
     service.will(httpx.Response(200, text="<html>"))
     with pytest.raises(UnexpectedAnswerError, match="does not answer like Isodyn"):

@@ -1,7 +1,7 @@
 """Where imported maps came from.
 
 Revision ID: r0013
-Revises: r0010
+Revises: r0012
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ import sqlalchemy as sa
 from alembic import op
 
 revision = "r0013"
-down_revision = "r0010"
+down_revision = "r0012"
 branch_labels = None
 depends_on = None
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine, Iterator, Mapping
+from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine, Iterator, Mapping, Sequence
 from types import TracebackType
 from typing import Any, Concatenate, ParamSpec, Self, TypeVar
 
@@ -148,7 +148,9 @@ class AsyncClient:
         prior: Prior | None = None,
         device_id: str | None = None,
         map_id: str | None = None,
+        map_ids: Sequence[str] | None = None,
         calibration_epoch: str | None = None,
+        contribute: bool | None = None,
     ) -> AsyncSession:
         """Open a session: one trip of one device, on a level, or with ``venue_id`` instead on any level of a venue.
 
@@ -162,7 +164,9 @@ class AsyncClient:
             prior=prior,
             device_id=device_id,
             map_id=map_id,
+            map_ids=map_ids,
             calibration_epoch=calibration_epoch,
+            contribute=contribute,
         )
         return AsyncSession(self, info)
 
@@ -187,6 +191,8 @@ class AsyncClient:
     device = _call(endpoints.device)
     devices = _list(endpoints.devices)
     forget_calibrations = _call(endpoints.forget_calibrations)
+    device_models = _list(endpoints.device_models)
+    device_model = _call(endpoints.device_model)
 
     create_survey = _call(endpoints.create_survey)
     survey = _call(endpoints.survey)
@@ -198,11 +204,31 @@ class AsyncClient:
 
     request_map = _call(endpoints.request_map)
     build_map = _flow(Flows.build_map)
+    update_map = _flow(Flows.update_map)
     map_info = _call(endpoints.map_info)
+    publish_map = _call(endpoints.publish_map)
+    publications = _list(endpoints.publications)
+    map_sources = _list(endpoints.map_sources)
+    map_diff = _call(endpoints.map_diff)
+    map_change = _call(endpoints.map_change)
+    map_change_image = _call(endpoints.map_change_image)
     maps = _list(endpoints.maps)
     map_field = _call(endpoints.map_field)
     map_image = _call(endpoints.map_image)
     map_coverage = _call(endpoints.map_coverage)
+    map_quality = _call(endpoints.map_quality)
+    quality_raster = _call(endpoints.quality_raster)
+    quality_image = _call(endpoints.quality_image)
+    survey_suggestions = _call(endpoints.survey_suggestions)
+    suggestions_geojson = _call(endpoints.suggestions_geojson)
+    forecast_route = _call(endpoints.forecast_route)
+
+    contributions = _list(endpoints.contributions)
+    contribution = _call(endpoints.contribution)
+    reject_contribution = _call(endpoints.reject_contribution)
+    restore_contribution = _call(endpoints.restore_contribution)
+    delete_contribution = _call(endpoints.delete_contribution)
+    field_changes = _list(endpoints.field_changes)
     export_map = _call(endpoints.export_map)
     import_map = _call(endpoints.import_map)
     export_survey = _call(endpoints.export_survey)
@@ -218,6 +244,7 @@ class AsyncClient:
     positions = _flow(Flows.positions)
     positions_geojson = _call(endpoints.positions_geojson)
     trajectory = _call(endpoints.trajectory)
+    replay = _call(endpoints.replay)
     locate = _call(endpoints.locate)
 
     job = _call(endpoints.job)

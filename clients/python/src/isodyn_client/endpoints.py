@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from typing import Any, TypeVar
+from urllib.parse import quote
 
 import httpx
 import numpy as np
@@ -26,18 +27,24 @@ from isodyn_client.fixes import Coverage, CoverageRuns, FieldRaster, Fixes
 from isodyn_client.models import (
     Anchor,
     ApiKey,
+    Contribution,
     Device,
+    DeviceModel,
     Extent,
     FeatureSet,
     FixKind,
     Job,
     JobState,
+    LastingChange,
     Level,
+    MapDiff,
     MapInfo,
+    MapSource,
     Method,
     NewApiKey,
     Page,
     Prior,
+    Publication,
     Scope,
     SessionInfo,
     SessionStatus,
@@ -47,7 +54,8 @@ from isodyn_client.models import (
     VenueKind,
     Walk,
 )
-from isodyn_client.results import LocateResult, PositionPage, SegmentInfo, SegmentResult, Trajectory
+from isodyn_client.planning import MapQuality, RouteForecast, Suggestions
+from isodyn_client.results import LocateResult, PositionPage, Replay, SegmentInfo, SegmentResult, Trajectory
 from isodyn_client.samples import Samples, Waypoints
 
 T = TypeVar("T", bound=BaseModel)
@@ -82,9 +90,20 @@ def venue(venue_id: str) -> Call[Venue]:
     return _get(f"/v1/venues/{venue_id}", Venue)
 
 
-def venues() -> Listing[Venue]:
-    """All venues, newest first."""
-    return _list("/v1/venues", Venue)
+def venues(
+    *,
+    near: tuple[float, float] | None = None,
+    radius_m: float | None = None,
+    bbox: tuple[float, float, float, float] | None = None,
+    q: str | None = None,
+) -> Listing[Venue]:
+    """Venues, newest first; all, or those of a place or a name.
+
+    ``near`` is ``(latitude, longitude)`` in degrees: what lies within ``radius_m`` (1 km unless given), nearest first.
+    ``bbox`` is ``(lon_min, lat_min, lon_max, lat_max)``. ``q`` holds words of the name, or their beginnings. Venues
+    without an anchor are not found by place.
+    """
+    return _list("/v1/venues", Venue, **_searched(near, radius_m, bbox, q))
 
 
 def update_venue(venue_id: str, *, name: str | None = None, anchor: Anchor | None = None) -> Call[Venue]:
@@ -114,9 +133,36 @@ def level(level_id: str) -> Call[Level]:
     return _get(f"/v1/levels/{level_id}", Level)
 
 
-def levels(*, venue_id: str | None = None) -> Listing[Level]:
-    """All levels (of one venue), newest first."""
-    return _list("/v1/levels", Level, venue_id=venue_id)
+def levels(
+    *,
+    venue_id: str | None = None,
+    near: tuple[float, float] | None = None,
+    radius_m: float | None = None,
+    bbox: tuple[float, float, float, float] | None = None,
+    q: str | None = None,
+    ordinal: int | None = None,
+) -> Listing[Level]:
+    """Levels (of one venue, of one height order), newest first; ``near``, ``bbox`` and ``q`` as for :func:`venues`."""
+    storey = None if ordinal is None else str(ordinal)
+    return _list("/v1/levels", Level, venue_id=venue_id, ordinal=storey, **_searched(near, radius_m, bbox, q))
+
+
+def _searched(
+    near: tuple[float, float] | None,
+    radius_m: float | None,
+    bbox: tuple[float, float, float, float] | None,
+    q: str | None,
+) -> dict[str, str | None]:
+    return {
+        "near": None if near is None else _degrees(near),
+        "radius_m": None if radius_m is None else f"{radius_m:.10g}",
+        "bbox": None if bbox is None else _degrees(bbox),
+        "q": q,
+    }
+
+
+def _degrees(values: Sequence[float]) -> str:
+    return ",".join(f"{value:.9f}" for value in values)
 
 
 def set_plan_image(level_id: str, png: bytes) -> Call[None]:
@@ -162,6 +208,16 @@ def forget_calibrations(device_id: str) -> Call[None]:
     return Call("DELETE", f"/v1/devices/{device_id}/calibrations", nothing)
 
 
+def device_models() -> Listing[DeviceModel]:
+    """Models that devices name, by name, without estimates."""
+    return _list("/v1/device-models", DeviceModel)
+
+
+def device_model(name: str) -> Call[DeviceModel]:
+    """One model, with what its devices have in common."""
+    return _get(f"/v1/device-models/{quote(name, safe='')}", DeviceModel)
+
+
 # Surveys and maps
 
 
@@ -189,14 +245,17 @@ def add_walk(
     wifi: WifiScans | None = None,
     ble: BleScans | None = None,
     device_id: str | None = None,
+    calibration_epoch: str | None = None,
     encoding: Encoding | str = Encoding.MSGPACK,
     gzip: bool = False,
 ) -> Call[Walk]:
     """Upload a survey walk. The same content again gives the walk that is there already.
 
+    A walk that names its device, and the epoch of its magnetometer as sessions do, teaches it its offset and stride.
+
     The body is encoded while it is sent, so a long walk does not exist twice in memory.
     """
-    fields = present({"name": name, "device_id": device_id})
+    fields = present({"name": name, "device_id": device_id, "calibration_epoch": calibration_epoch})
     aids = Aids(wifi=wifi, ble=ble)
     body = samples_body(fields, samples, aids=aids, waypoints=waypoints, encoding=encoding, gzip=gzip)
     return Call("POST", f"/v1/surveys/{survey_id}/walks", as_model(Walk), body=body)
@@ -225,10 +284,13 @@ def request_map(
     cell_m: float | None = None,
     mapped_m: float | None = None,
     align: bool | None = None,
+    publish: bool | None = None,
+    mode: str | None = None,
 ) -> Call[Job]:
     """Ask for a map of a level, from all its surveys or only some; returns the job that builds it.
 
-    Not repeatable: each request builds another version. ``build_map`` also waits for the job.
+    With ``mode="update"`` the current map is brought up to date instead, with the settings it has. Not repeatable: each
+    request builds another version. ``build_map`` and ``update_map`` also wait for the job.
     """
     fields = present(
         {
@@ -238,9 +300,61 @@ def request_map(
             "cell_m": cell_m,
             "mapped_m": mapped_m,
             "align": align,
+            "publish": publish,
+            "mode": mode,
         }
     )
     return Call("POST", "/v1/maps", as_model(Job), body=json_body(fields), repeatable=False)
+
+
+def publish_map(level_id: str, map_id: str, *, note: str | None = None) -> Call[Publication]:
+    """Make a map version the one that new sessions on the level use; an older one rolls back.
+
+    Sessions that are open keep theirs. ``note`` says why, for the log of :func:`publications`.
+    """
+    fields = present({"map_id": map_id, "note": note})
+    return Call("PUT", f"/v1/levels/{level_id}/map", as_model(Publication), body=json_body(fields))
+
+
+def publications(level_id: str) -> Listing[Publication]:
+    """Which map version was published on a level when, by whom and in place of which; newest first."""
+    return _list(f"/v1/levels/{level_id}/publications", Publication)
+
+
+def map_sources(map_id: str) -> Listing[MapSource]:
+    """Who contributed to a map version, and walks that were left out with the reason."""
+    return _list(f"/v1/maps/{map_id}/sources", MapSource)
+
+
+def map_diff(map_id: str, *, against: str | None = None, least_ut: float | None = None) -> Call[MapDiff]:
+    """What a map version changed against another one (its parent, unless one is named), in numbers.
+
+    A node is changed if its field moved by more than ``least_ut`` microtesla.
+    """
+    params = present({"against": against, "least_ut": least_ut})
+    return Call("GET", f"/v1/maps/{map_id}/diff", as_model(MapDiff), params=params)
+
+
+def map_change(
+    map_id: str, *, against: str | None = None, component: str = "all", statistic: str = "change"
+) -> Call[FieldRaster]:
+    """The change of a map's field as a numpy array, new minus old, uT, NaN where either version is not mapped.
+
+    ``component`` is ``all`` (length of the change) or a channel; with ``statistic="significance"`` in combined standard
+    deviations instead.
+    """
+    return Call("GET", f"/v1/maps/{map_id}/diff", _as_raster, params=_change(against, component, statistic, "f32"))
+
+
+def map_change_image(
+    map_id: str, *, against: str | None = None, component: str = "all", statistic: str = "change"
+) -> Call[bytes]:
+    """The same as a PNG, north up, transparent where either version is not mapped."""
+    return Call("GET", f"/v1/maps/{map_id}/diff", as_bytes, params=_change(against, component, statistic, "png"))
+
+
+def _change(against: str | None, component: str, statistic: str, form: str) -> dict[str, str]:
+    return present({"against": against, "component": component, "statistic": statistic, "format": form})
 
 
 def map_info(map_id: str) -> Call[MapInfo]:
@@ -272,6 +386,50 @@ def map_image(map_id: str, channel: str, *, statistic: str = "mean") -> Call[byt
 def map_coverage(map_id: str) -> Call[Coverage]:
     """Where a map holds, as a mask with its share and area."""
     return Call("GET", f"/v1/maps/{map_id}/coverage", _as_coverage)
+
+
+def map_quality(map_id: str) -> Call[MapQuality]:
+    """How good a map is: coverage of the walkable space, expected accuracy, where walks disagree."""
+    return _get(f"/v1/maps/{map_id}/quality", MapQuality)
+
+
+def quality_raster(map_id: str, layer: str = "mean_error", *, heading_deg: int | None = None) -> Call[FieldRaster]:
+    """One layer of a map's quality as a numpy array, NaN where there is nothing to say.
+
+    Layers are ``mean_error``, ``worst_error``, ``error``, ``along``, ``across`` (metres; the last three of one heading:
+    0, 45, ... 315), ``coverage``, ``conflict`` and ``sources``.
+    """
+    params = present({"layer": layer, "heading_deg": heading_deg, "format": "f32"})
+    return Call("GET", f"/v1/maps/{map_id}/quality/raster", _as_raster, params=params)
+
+
+def quality_image(map_id: str, layer: str = "mean_error", *, heading_deg: int | None = None) -> Call[bytes]:
+    """One layer of a map's quality as a PNG, north up, transparent where there is nothing to say."""
+    params = present({"layer": layer, "heading_deg": heading_deg, "format": "png"})
+    return Call("GET", f"/v1/maps/{map_id}/quality/raster", as_bytes, params=params)
+
+
+def survey_suggestions(map_id: str, *, count: int = 10) -> Call[Suggestions]:
+    """Lines whose survey would teach the map most per metre, best first."""
+    return Call("GET", f"/v1/maps/{map_id}/suggestions", as_model(Suggestions), params={"count": count})
+
+
+def suggestions_geojson(map_id: str, *, count: int = 10) -> Call[bytes]:
+    """The same as GeoJSON in WGS 84; the venue needs an anchor."""
+    headers = {"Accept": "application/geo+json"}
+    return Call("GET", f"/v1/maps/{map_id}/suggestions", as_bytes, params={"count": count}, headers=headers)
+
+
+def forecast_route(
+    map_id: str, route: Sequence[tuple[float, float]], *, known_m: float | None = None
+) -> Call[RouteForecast]:
+    """Expected accuracy along a route (corners in level metres), and where the position will be lost or doubtful.
+
+    ``known_m`` is the standard deviation of the position at its start, per axis (3 m unless given).
+    """
+    columns = {"x": [float(x) for x, _ in route], "y": [float(y) for _, y in route]}
+    fields = present({"route": columns, "known_m": known_m})
+    return Call("POST", f"/v1/maps/{map_id}/forecast", as_model(RouteForecast), body=json_body(fields))
 
 
 def export_map(map_id: str, *, format: str = "netcdf", licence: str | None = None) -> Call[bytes]:  # noqa: A002
@@ -344,6 +502,52 @@ def _as_raster(response: httpx.Response) -> FieldRaster:
     return FieldRaster(values.astype(np.float32), x0, y0, cell_m)
 
 
+# Contributions of sessions to maps
+
+
+def contributions(
+    *,
+    level_id: str | None = None,
+    session_id: str | None = None,
+    contributor: str | None = None,
+    state: str | None = None,
+) -> Listing[Contribution]:
+    """What sessions offered to maps, newest first."""
+    return _list(
+        "/v1/contributions",
+        Contribution,
+        level_id=level_id,
+        session_id=session_id,
+        contributor=contributor,
+        state=state,
+    )
+
+
+def contribution(contribution_id: str) -> Call[Contribution]:
+    """One contribution."""
+    return _get(f"/v1/contributions/{contribution_id}", Contribution)
+
+
+def reject_contribution(contribution_id: str) -> Call[Contribution]:
+    """Take a contribution out of its map, whatever the weighing says of it."""
+    return Call("POST", f"/v1/contributions/{contribution_id}/reject", as_model(Contribution))
+
+
+def restore_contribution(contribution_id: str) -> Call[Contribution]:
+    """Offer a rejected contribution again."""
+    return Call("POST", f"/v1/contributions/{contribution_id}/restore", as_model(Contribution))
+
+
+def delete_contribution(contribution_id: str) -> Call[None]:
+    """Forget a contribution for good."""
+    return Call("DELETE", f"/v1/contributions/{contribution_id}", nothing)
+
+
+def field_changes(*, level_id: str | None = None) -> Listing[LastingChange]:
+    """Lasting changes of the field that independent passes agree on, newest first."""
+    return _list("/v1/changes", LastingChange, level_id=level_id)
+
+
 # Sessions
 
 
@@ -356,13 +560,16 @@ def create_session(
     prior: Prior | None = None,
     device_id: str | None = None,
     map_id: str | None = None,
+    map_ids: Sequence[str] | None = None,
     calibration_epoch: str | None = None,
+    contribute: bool | None = None,
 ) -> Call[SessionInfo]:
     """Open a session: one trip of one device, on a level, or with ``venue_id`` instead on any level of a venue.
 
     Without a method the service's default is used. A session that names its device starts with what earlier ones taught
     about it. ``calibration_epoch`` is any text that changes when the platform recalibrates its magnetometer, such as a
-    hash of the hard-iron bias it reports.
+    hash of the hard-iron bias it reports. With ``contribute`` what the session saw is offered to the maps when it is
+    closed: ask whoever carries the device.
     """
     return _create(
         "/v1/sessions",
@@ -374,7 +581,9 @@ def create_session(
         prior=prior and prior.model_dump(exclude_none=True),
         device_id=device_id,
         map_id=map_id,
+        map_ids=None if map_ids is None else list(map_ids),
         calibration_epoch=calibration_epoch,
+        contribute=contribute,
     )
 
 
@@ -459,6 +668,16 @@ def trajectory(session_id: str) -> Call[Fixes]:
     read = as_model(Trajectory)
     path = f"/v1/sessions/{session_id}/trajectory"
     return Call("GET", path, lambda response: read(response).fixes, wait_s=120.0)
+
+
+def replay(session_id: str, *, map_id: str | None = None, map_ids: Sequence[str] | None = None) -> Call[Replay]:
+    """Take the stored segments of a session once more on other map versions, and compare with what was told then.
+
+    On the current maps unless some are named, at most one a level. Nothing is stored.
+    """
+    fields = present({"map_id": map_id, "map_ids": list(map_ids) if map_ids is not None else None})
+    path = f"/v1/sessions/{session_id}/replay"
+    return Call("POST", path, as_model(Replay), body=json_body(fields), wait_s=120.0)
 
 
 def locate(

@@ -116,6 +116,7 @@ class Flows:
         cell_m: float | None = None,
         mapped_m: float | None = None,
         align: bool | None = None,
+        publish: bool | None = None,
         timeout: float = 600.0,
         progress: JobProgress | None = None,
     ) -> Flow[MapInfo]:
@@ -123,13 +124,31 @@ class Flows:
 
         ``cell_m`` is the grid's spacing; a node within ``mapped_m`` of a survey sample counts as mapped.
         ``align=False`` takes walks as they are: for calibrated devices along lines that hardly cross.
+        ``publish=False`` builds a draft: sessions use it when they name it, or once ``publish_map`` made it current.
         ``progress`` is called with the job while it runs (``job.progress`` 0..1, ``job.progress_text``).
         """
         job = yield from self.exchange(
             endpoints.request_map(
-                level_id, survey_ids=survey_ids, features=features, cell_m=cell_m, mapped_m=mapped_m, align=align
+                level_id,
+                survey_ids=survey_ids,
+                features=features,
+                cell_m=cell_m,
+                mapped_m=mapped_m,
+                align=align,
+                publish=publish,
             )
         )
+        job = yield from self.wait_for_job(job.id, timeout=timeout, progress=progress)
+        return (yield from self.exchange(endpoints.map_info(str(job.result["map_id"]))))
+
+    def update_map(
+        self, level_id: str, *, timeout: float = 600.0, progress: JobProgress | None = None
+    ) -> Flow[MapInfo]:
+        """Bring a level's current map up to date, wait for that, and return the new version.
+
+        Walks uploaded since are added and those deleted since taken out; ``ConflictError`` if there are none.
+        """
+        job = yield from self.exchange(endpoints.request_map(level_id, mode="update"))
         job = yield from self.wait_for_job(job.id, timeout=timeout, progress=progress)
         return (yield from self.exchange(endpoints.map_info(str(job.result["map_id"]))))
 

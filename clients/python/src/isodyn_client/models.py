@@ -108,7 +108,7 @@ class Extent(Model):
 
 
 class Venue(Model):
-    """A place with one local frame."""
+    """A place with one local frame; ``distance_m`` to its bounding box if it was looked for near a place."""
 
     id: str
     name: str
@@ -116,10 +116,11 @@ class Venue(Model):
     anchor: Anchor | None = None
     created_at: datetime
     updated_at: datetime
+    distance_m: float | None = None
 
 
 class Level(Model):
-    """One storey of a venue."""
+    """One storey of a venue; ``distance_m`` to its bounding box if it was looked for near a place."""
 
     id: str
     venue_id: str
@@ -131,6 +132,7 @@ class Level(Model):
     current_map_id: str | None = None
     created_at: datetime
     updated_at: datetime
+    distance_m: float | None = None
 
 
 class Calibration(Model):
@@ -153,14 +155,49 @@ class DeviceCalibration(Calibration):
     updated_at: datetime
 
 
+class CalibrationSource(StrEnum):
+    """Where a session's start comes from."""
+
+    DEVICE = "device"
+    MODEL = "model"
+    NONE = "none"
+
+
+class SessionStart(Model):
+    """What the next session of a device starts with, if it is of this epoch of its magnetometer; and from where."""
+
+    epoch: str
+    source: CalibrationSource
+    calibration: Calibration | None = None
+
+
 class Device(Model):
-    """One physical sensor carrier; ``calibrations`` are there when it is asked for alone."""
+    """One physical sensor carrier; ``calibrations`` and ``next_session`` are there when it is asked for alone."""
 
     id: str
     name: str
     model: str | None = None
     created_at: datetime
     calibrations: tuple[DeviceCalibration, ...] = ()
+    next_session: SessionStart | None = None
+
+
+class ModelEstimate(Model):
+    """What ``n_taught`` devices of a model have in common: the same values with the deviations of the mean
+    (``typical``), of devices among one another (``spread``), and of a new device (``start``)."""
+
+    n_taught: int
+    typical: Calibration
+    spread: Calibration
+    start: Calibration
+
+
+class DeviceModel(Model):
+    """A model that devices name; ``estimate`` is there when it is asked for alone and enough devices taught."""
+
+    name: str
+    n_devices: int
+    estimate: ModelEstimate | None = None
 
 
 class Survey(Model):
@@ -180,6 +217,7 @@ class Walk(Model):
     survey_id: str
     name: str
     device_id: str | None = None
+    calibration_epoch: str = ""
     n_samples: int
     n_waypoints: int
     duration_s: float
@@ -215,6 +253,8 @@ class MapOrigin(Model):
 class MapInfo(Model):
     """A finished map version, without its cells; without a radio layer ``n_transmitters`` is None.
 
+    ``kind`` is "build" (from all walks at once) or "update": then ``added`` and ``removed`` are what its parent lacked
+    and had too much, and ``walks`` reports on those added.
     ``origin`` is None for maps that were built from surveys.
     """
 
@@ -242,8 +282,99 @@ class MapInfo(Model):
     n_transmitters: int | None = None
     radio_cell_m: float | None = None
     n_routes: int | None = None
+    kind: str = "build"
+    added: tuple[str, ...] = ()
+    removed: tuple[str, ...] = ()
     origin: MapOrigin | None = None
     created_at: datetime
+
+
+class Publication(Model):
+    """A map version became the one that new sessions on its level use; ``from_map_id`` is the one before."""
+
+    id: str
+    level_id: str
+    map_id: str
+    from_map_id: str | None = None
+    key_id: str | None = None
+    note: str = ""
+    created_at: datetime
+
+
+class MapSource(Model):
+    """Who contributed to a map version: a survey walk, or a session; ``rejected`` says why a walk was left out."""
+
+    id: str
+    kind: str
+    survey_id: str | None = None
+    device_id: str | None = None
+    contributor: str | None = None
+    n_samples: int | None = None
+    n_used: int | None = None
+    rejected: str | None = None
+
+
+class Area(Model):
+    """So many nodes of a map, and the area they stand for."""
+
+    nodes: int
+    area_m2: float
+
+
+class FieldChange(Model):
+    """Change of one component of the field where both versions are mapped, uT (new minus old)."""
+
+    component: str
+    mean: float
+    rms: float
+    p95: float
+    largest: float
+
+
+class TileCounts(Model):
+    """Stored tiles: shared by both versions, of the new one only, of the old one only."""
+
+    shared: int
+    new: int
+    gone: int
+
+
+class SourceChange(Model):
+    """Sources that came and went: how many, and the ids of the first of them."""
+
+    n_added: int
+    n_removed: int
+    added: tuple[str, ...] = ()
+    removed: tuple[str, ...] = ()
+
+
+class SettingChange(Model):
+    """A setting in which two builds differ."""
+
+    name: str
+    now: Any = None
+    then: Any = None
+
+
+class MapDiff(Model):
+    """What differs between a map version and another one of its level, in the features that both tell."""
+
+    map_id: str
+    against: str
+    identical: bool
+    features: FeatureSet
+    cell_m: float
+    least_ut: float
+    compared: Area
+    changed: Area
+    significant: Area
+    newly_mapped: Area
+    no_longer_mapped: Area
+    box: Extent | None = None
+    change: tuple[FieldChange, ...] = ()
+    tiles: TileCounts
+    sources: SourceChange
+    settings: tuple[SettingChange, ...] = ()
 
 
 class Prior(Model):
@@ -288,7 +419,47 @@ class SessionInfo(Model):
     created_at: datetime
     closed_at: datetime | None = None
     calibration_epoch: str = ""
+    contributes: bool = False
     calibration: Calibration | None = None
+
+
+class Contribution(Model):
+    """What a session offered to the map of a level, and what became of it.
+
+    ``state`` is offered, used, waiting, quarantined, rejected or empty; ``reasons`` say why in words.
+    """
+
+    id: str
+    session_id: str
+    level_id: str
+    device_id: str | None = None
+    contributor: str
+    map_id: str
+    state: str
+    n_steps: int
+    n_kept: int
+    n_rows: int
+    reasons: tuple[str, ...] = ()
+    box: tuple[float, float, float, float] | None = None
+    n_agreed: int
+    n_disagreed: int
+    verdict: str = ""
+    created_at: datetime
+    decided_at: datetime | None = None
+
+
+class LastingChange(Model):
+    """A lasting change of the field: where (``box``, m), by how much per channel (``delta``, uT), between when."""
+
+    id: str
+    level_id: str
+    map_id: str
+    box: tuple[float, float, float, float]
+    area_m2: float
+    delta: tuple[float, ...]
+    after: datetime | None = None
+    before: datetime | None = None
+    created_at: datetime
 
 
 class Ellipse(Model):

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Annotated, Literal
 
 from pydantic import ConfigDict, PlainValidator
 
 from isodyn_client.fixes import FixColumns, Fixes
-from isodyn_client.models import JobState, LevelMap, Model, Position
+from isodyn_client.models import JobState, LevelMap, Model, Position, Status
 
 
 def _as_fixes(value: object) -> Fixes:
@@ -68,6 +69,42 @@ class Trajectory(_WithFixes):
     method: str
     kind: Literal["smoothed"]
     fixes: FixArrays
+
+
+class Distances(Model):
+    """Distances of ``n`` pairs of fixes, m."""
+
+    n: int
+    p50: float
+    p90: float
+    largest: float
+
+
+class FixComparison(Model):
+    """What was told then and what is told now, fix by fix where their times agree; shares are 0 to 1."""
+
+    n_then: int
+    n_now: int
+    n_compared: int
+    n_other_level: int
+    distance: Distances | None = None
+    sure_distance: Distances | None = None
+    status_then: Mapping[Status, float] = {}
+    status_now: Mapping[Status, float] = {}
+    sure_then: float
+    sure_now: float
+
+
+class Replay(_WithFixes):
+    """A session's fixes on other maps, and how they compare with those that were told on ``maps_then``."""
+
+    session_id: str
+    map_id: str | None = None
+    maps: tuple[LevelMap, ...] = ()
+    maps_then: tuple[LevelMap, ...] = ()
+    method: str
+    fixes: FixArrays
+    comparison: FixComparison
 
 
 class PositionPage(_WithFixes):

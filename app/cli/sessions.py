@@ -1,0 +1,80 @@
+"""``isodyn session``: what can be done with sessions after the fact."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from app.cli.common import DEFAULT_URL, NAMED, Key, Url, connect, print_table, reported
+
+if TYPE_CHECKING:
+    import isodyn_client as isodyn
+
+app = typer.Typer(context_settings=NAMED, no_args_is_help=True, help="Look at sessions after the fact.")
+
+
+@app.callback()
+def session() -> None:
+    """Keep the group a group while it has one command."""
+
+
+@app.command("replay")
+@reported
+def replay(
+    session: Annotated[str, typer.Argument(help="Id of the session (ses_...).")],
+    map_id: Annotated[
+        list[str] | None,
+        typer.Option("--map", help="Map version (map_...); may be repeated, one a level.", show_default="current maps"),
+    ] = None,
+    json_file: Annotated[Path | None, typer.Option("--json", help="Write fixes and comparison to a file.")] = None,
+    url: Url = DEFAULT_URL,
+    key: Key = None,
+) -> None:
+    """Locate a stored session once more on other map versions, and compare with what it was told then.
+
+    Nothing is stored. On the maps of then the answer is that of then.
+
+    Example:  isodyn session replay ses_... --map map_...
+    """
+    with connect(url, key) as client:
+        found = client.replay(session, map_ids=map_id or None)
+    maps, before = (", ".join(one.map_id for one in used) for used in (found.maps, found.maps_then))
+    print_table(("session", found.session_id), [("maps then", before), ("maps now", maps)])
+    typer.echo()
+    print_table(("", "then", "now"), _told(found.comparison))
+    typer.echo()
+    typer.echo(_apart(found.comparison))
+    if json_file is not None:
+        _write(json_file, found)
+
+
+def _told(comparison: isodyn.FixComparison) -> list[tuple[str, str, str]]:
+    statuses = dict.fromkeys([*comparison.status_then, *comparison.status_now])
+    shares = [(f"{one}", comparison.status_then.get(one, 0.0), comparison.status_now.get(one, 0.0)) for one in statuses]
+    shares.append(("sure", comparison.sure_then, comparison.sure_now))
+    counts = ("fixes", f"{comparison.n_then}", f"{comparison.n_now}")
+    return [counts, *((name, f"{100 * then:.0f} %", f"{100 * now:.0f} %") for name, then, now in shares)]
+
+
+def _apart(comparison: isodyn.FixComparison) -> str:
+    """How far the fixes lie from those of then, in words."""
+    if comparison.distance is None:
+        return "no fix of then and now on one level at one time: nothing to compare"
+    parts = []
+    for name, distances in (("all", comparison.distance), ("sure both times", comparison.sure_distance)):
+        if distances is not None:
+            figures = f"{distances.p50:.2f} m (p50), {distances.p90:.2f} m (p90), {distances.largest:.2f} m (largest)"
+            parts.append(f"apart, {name}, {distances.n} fixes: {figures}")
+    if comparison.n_other_level:
+        parts.append(f"on another level than then: {comparison.n_other_level} fixes")
+    return "\n".join(parts)
+
+
+def _write(file: Path, found: isodyn.Replay) -> None:
+    import json
+
+    columns = {name: getattr(found.fixes, name) for name in ("t_ms", "x", "y", "sure")}
+    fixes = {name: column.tolist() for name, column in columns.items()}
+    file.write_text(json.dumps({"fixes": fixes, "comparison": found.comparison.model_dump(mode="json")}))
