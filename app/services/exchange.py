@@ -26,9 +26,12 @@ from app.services.errors import InvalidError, NotFoundError
 from app.services.ids import new_id
 from app.services.map_refs import MapRefs
 from app.services.ports import MapCache, UnitOfWorkFactory
+from app.services.publishing import publish
 from app.services.records import Level, MapInfo, MapOrigin, Survey, Venue
 
 IMPORT = "import"
+IMPORTED = "imported"
+"""Note of versions that their import published."""
 _MAX_TEXT = 500
 _CONTROL = re.compile(r"[\x00-\x1f\x7f]+")
 
@@ -96,9 +99,10 @@ class ExchangeService(Service):
         *,
         choices: ImportChoices = NO_CHOICES,
         texts: FileTexts = NO_TEXTS,
-        publish: bool = True,
+        published: bool = True,
+        key_id: str | None = None,
     ) -> MapInfo:
-        """Store the map of a file as the level's next version, and make it the current one (``publish``).
+        """Store the map of a file as the level's next version, and make it the current one (``published``).
 
         InvalidError names what of the file cannot be taken.
         """
@@ -122,8 +126,8 @@ class ExchangeService(Service):
                 parent_id=uow.levels.get(level_id).current_map_id,
             )  # fmt: skip
             uow.maps.add(info, packed)
-            if publish:
-                uow.levels.set_current_map(level_id, info.id, now)
+            if published:
+                publish(uow, info, now, key_id=key_id, note=IMPORTED)
         self._cache.ref(info, lambda: grid)
         return info
 
@@ -144,9 +148,10 @@ class ExchangeService(Service):
             for walk in page.items:
                 try:
                     with self._uow() as uow:
-                        yield walk.name, uow.surveys.load_walk(walk.id)
+                        recorded = uow.surveys.load_walk(walk.id)
                 except NotFoundError:
                     continue  # deleted since the list was read
+                yield walk.name, recorded  # outside the transaction: the receiver may be slow
             cursor = page.next_cursor
             if cursor is None:
                 return

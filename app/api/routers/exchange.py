@@ -14,7 +14,7 @@ from fastapi.responses import StreamingResponse
 from app.api import errors
 from app.api.auth import any_key, needs
 from app.api.body import read_body, require_media_type
-from app.api.deps import ContextDep, ServicesDep
+from app.api.deps import ContextDep, KeyDep, ServicesDep
 from app.api.etag import REVALIDATE, headers, not_modified, tag
 from app.api.responses import NOT_MODIFIED, OBJECT, guarded
 from app.api.routing import api_router
@@ -162,7 +162,7 @@ async def _import_of(
     },
 )
 async def import_map(
-    level_id: str, request: Request, context: ContextDep, wanted: Annotated[_Import, Depends(_import_of)]
+    level_id: str, request: Request, context: ContextDep, key: KeyDep, wanted: Annotated[_Import, Depends(_import_of)]
 ) -> Response:
     """Store the map of a file as the level's next version: an even grid in metres of the level frame.
 
@@ -170,12 +170,20 @@ async def import_map(
     """
     require_media_type(request, *FILE_TYPES)
     content = await read_body(request, context.settings.max_body_bytes)
-    return await anyio.to_thread.run_sync(_import_map, context, level_id, content, wanted, limiter=context.uploads)
+    return await anyio.to_thread.run_sync(
+        _import_map, context, level_id, content, wanted, key.id, limiter=context.uploads
+    )
 
 
-def _import_map(context: ContextDep, level_id: str, content: bytes, wanted: _Import) -> Response:
+def _import_map(context: ContextDep, level_id: str, content: bytes, wanted: _Import, key_id: str) -> Response:
     info = context.services.exchange.import_map(
-        level_id, content, wanted.kind, choices=wanted.choices, texts=wanted.texts, publish=wanted.publish
+        level_id,
+        content,
+        wanted.kind,
+        choices=wanted.choices,
+        texts=wanted.texts,
+        published=wanted.publish,
+        key_id=key_id,
     )
     return Response(
         MapOut.of(info).model_dump_json(),
