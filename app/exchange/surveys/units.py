@@ -59,8 +59,8 @@ def unit_of(quantity: str, text: str) -> str | None:
     return plain if plain in QUANTITIES[quantity].factors else None
 
 
-def to_engine(quantity: str, values: Float64Array, unit: str | None, findings: Findings) -> Float64Array:
-    """Three columns, shape (n, 3), in the engine's unit.
+def factor_of(quantity: str, values: Float64Array, unit: str | None, findings: Findings) -> float:
+    """What takes three columns, shape (n, 3), to the engine's unit.
 
     Raises
     ------
@@ -71,8 +71,7 @@ def to_engine(quantity: str, values: Float64Array, unit: str | None, findings: F
     if unit is None:
         unit = _guess(quantity, values)
         findings.assume(f"{known.words} as {unit} by its magnitude ({_median(values):.4g})")
-    converted: Float64Array = values * known.factors[unit]
-    return converted
+    return known.factors[unit]
 
 
 def _median(values: Float64Array) -> float:
