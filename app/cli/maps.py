@@ -157,6 +157,7 @@ def show(map_id: MapId, url: Url = DEFAULT_URL, key: Key = None) -> None:
             ("lines", "not kept" if info.n_routes is None else f"{info.n_routes}, as walked"),
             ("length scale", f"{info.length_scale_m:.2f} m"),
             ("built", f"{info.created_at:%Y-%m-%d %H:%M} UTC in {info.build_s:.1f} s"),
+            *([] if info.origin is None else [("imported", _origin(info.origin))]),
             ("content hash", info.hash),
         ],
     )
@@ -174,6 +175,11 @@ def show(map_id: MapId, url: Url = DEFAULT_URL, key: Key = None) -> None:
             for walk in info.walks
         ],
     )
+
+
+def _origin(origin: isodyn.MapOrigin) -> str:
+    words = (origin.title, origin.licence, origin.attribution, *origin.assumed)
+    return "; ".join([f"{origin.format}, sha256 {origin.file_hash[:12]}", *(one for one in words if one)])
 
 
 def _radio(info: isodyn.MapInfo) -> str:

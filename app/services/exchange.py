@@ -26,8 +26,7 @@ from app.services.errors import InvalidError, NotFoundError
 from app.services.ids import new_id
 from app.services.map_refs import MapRefs
 from app.services.ports import MapCache, UnitOfWorkFactory
-from app.services.publishing import IMPORTED
-from app.services.publishing import publish as log_publication
+from app.services.publishing import IMPORTED, publish
 from app.services.records import Level, MapInfo, MapKind, MapOrigin, Survey, Venue
 
 IMPORT = "import"
@@ -98,10 +97,10 @@ class ExchangeService(Service):
         *,
         choices: ImportChoices = NO_CHOICES,
         texts: FileTexts = NO_TEXTS,
-        publish: bool = True,
+        published: bool = True,
         key_id: str | None = None,
     ) -> MapInfo:
-        """Store the map of a file as the level's next version, and make it the current one (``publish``).
+        """Store the map of a file as the level's next version, and make it the current one (``published``).
 
         InvalidError names what of the file cannot be taken.
         """
@@ -125,8 +124,8 @@ class ExchangeService(Service):
                 parent_id=uow.levels.get(level_id).current_map_id,
             )  # fmt: skip
             uow.maps.add(info, packed)
-            if publish:
-                log_publication(uow, info, now, key_id=key_id, note=IMPORTED)
+            if published:
+                publish(uow, info, now, key_id=key_id, note=IMPORTED)
         self._cache.ref(info, lambda: grid)
         return info
 
@@ -147,9 +146,10 @@ class ExchangeService(Service):
             for walk in page.items:
                 try:
                     with self._uow() as uow:
-                        yield walk.name, uow.surveys.load_walk(walk.id)
+                        recorded = uow.surveys.load_walk(walk.id)
                 except NotFoundError:
                     continue  # deleted since the list was read
+                yield walk.name, recorded  # outside the transaction: the receiver may be slow
             cursor = page.next_cursor
             if cursor is None:
                 return

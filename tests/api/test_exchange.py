@@ -57,6 +57,8 @@ def test_a_map_goes_out_and_comes_in_unchanged(api: Api, kind: MapFormat) -> Non
     assert np.array_equal(old.sd, new.sd)
     assert (made["version"], made["parent_id"]) == (2, level.current_map_id)
     assert api.services.venues.get_level(level.id).current_map_id == made["id"]
+    published = api.ok("GET", f"/v1/levels/{level.id}/publications")["items"][0]
+    assert (published["map_id"], published["note"]) == (made["id"], "imported")
     origin = made["origin"]
     assert (origin["source"], origin["format"], origin["licence"]) == ("import", kind.value, "ODbL 1.0")
     assert origin["assumed"] == []

@@ -50,6 +50,8 @@ def test_what_is_assumed_of_a_map_is_said(service: Service, level_id: str, tmp_p
     done = service.isodyn("map", "import", level_id, file, "--channel", "total", "--unit", "nT")
     assert done.stdout.strip().startswith("map_")
     assert "standard deviation" in done.stderr
+    shown = service.isodyn("map", "show", done.stdout.strip()).stdout
+    assert "esri-ascii, sha256 " in shown
     refused = run("map", "import", level_id, file, "--channel", "total", ISODYN_URL=service.url, ISODYN_KEY=service.key)
     assert refused.exit_code == 1
     assert "unit=nT" in refused.output

@@ -104,6 +104,15 @@ def test_many_places_at_once() -> None:
     assert (len(empty_x), len(empty_y)) == (0, 0)
 
 
+@given(latitude=latitudes, longitude=longitudes, bearing=st.floats(0.0, 360.0), x=offsets, y=offsets)
+def test_many_points_are_many_times_one(latitude: float, longitude: float, bearing: float, x: float, y: float) -> None:
+    plane = TangentPlane(latitude, longitude, bearing, 515.0)
+    xs, ys = np.array([[x, 0.0], [y, x]]), np.array([[y, 0.0], [x, x]])
+    lon, lat = plane.arrays_to_wgs84(xs, ys)
+    expected = np.array([plane.to_wgs84(float(a), float(b)) for a, b in zip(xs.ravel(), ys.ravel(), strict=True)])
+    np.testing.assert_allclose(np.stack([lon.ravel(), lat.ravel()], axis=1), expected, rtol=0, atol=1e-11)
+
+
 def test_the_other_side_of_the_earth_is_nowhere() -> None:
     plane = TangentPlane(48.15, 11.57)
     x, y = plane.from_wgs84(np.array([-48.15, 48.15, 48.15]), np.array([-168.43, 130.0, 11.57]))

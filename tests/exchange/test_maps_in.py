@@ -18,6 +18,8 @@ from app.engine.errors import InputError
 from app.engine.types import FeatureSet
 from app.exchange.maps import DEFAULT_SD, MapFormat
 from app.exchange.maps.document import Rasters
+from app.exchange.maps.esri_ascii import grid_bytes
+from app.exchange.maps.geotiff import tiff_bytes
 from app.exchange.maps.incoming import ImportChoices, map_of
 from tests.exchange.documents import document, esri, read, written
 
@@ -228,6 +230,15 @@ def test_damaged_files_are_refused_in_words(content: bytes, kind: MapFormat, wor
         read(content, kind, channel="total")
 
 
+def test_a_raster_that_claims_to_be_large_is_not_unpacked() -> None:
+    for side in (5_000, 60_000):  # beyond what is taken, and beyond what Pillow would open
+        content = tiff_bytes(document(rows=4, columns=5), next(document(rows=4, columns=5).layers()))
+        at = content.index(struct.pack("<HHII", 256, 4, 1, 5))
+        claimed = content[:at] + struct.pack("<HHII", 256, 4, 1, side) + struct.pack("<HHII", 257, 4, 1, side)
+        with pytest.raises(InputError, match="pixels"):
+            read(claimed + content[at + 24 :], MapFormat.GEOTIFF)
+
+
 def test_an_archive_that_inflates_without_end_is_not_inflated(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("app.exchange.maps.archive.MAX_INFLATED", 10**7)
     content = _bomb()
@@ -245,23 +256,31 @@ def _bomb() -> bytes:
     return target.getvalue()
 
 
-VALID = {kind: written(document(FeatureSet.HV, rows=4, columns=5), kind) for kind in MapFormat}
+SMALL = document(FeatureSet.TOTAL, rows=4, columns=5)
+VALID = {
+    "netcdf": written(SMALL, MapFormat.NETCDF),
+    "xyz": written(SMALL, MapFormat.XYZ),
+    "esri-ascii": grid_bytes(SMALL, next(SMALL.layers())),
+    "geotiff": tiff_bytes(SMALL, next(SMALL.layers())),
+    "zip of esri-ascii": written(SMALL, MapFormat.ESRI_ASCII),
+}
+"""Bare grids too: a zip file's checksums hide its members from changes."""
 
 
-@pytest.mark.parametrize("kind", MapFormat)
+@pytest.mark.parametrize("name", VALID)
 @settings(max_examples=80, deadline=None)
 @given(data=st.data())
-def test_nothing_crashes_a_reader(kind: MapFormat, data: st.DataObject) -> None:
+def test_nothing_crashes_a_reader(name: str, data: st.DataObject) -> None:
     """Cut short, overwritten and pure garbage: a map or an InputError."""
-    content = bytearray(VALID[kind])
+    content = bytearray(VALID[name])
     for _ in range(data.draw(st.integers(0, 4))):
         at = data.draw(st.integers(0, len(content) - 1))
         patch = data.draw(st.binary(min_size=1, max_size=8) | st.just(struct.pack(">i", 2**31 - 1)))
         content[at : at + len(patch)] = patch
     cut = data.draw(st.none() | st.integers(0, len(content)))
     garbage = data.draw(st.none() | st.binary(max_size=60))
-    tried = bytes(content[:cut]) if garbage is None else VALID[kind][:4] + garbage
+    tried = bytes(content[:cut]) if garbage is None else VALID[name][:4] + garbage
     with contextlib.suppress(InputError):
-        found = read(tried, kind)
+        found = read(tried, MapFormat(name.rpartition(" ")[2]))
         assert np.isfinite(found.grid.mean).all()
         assert (found.grid.sd >= 0).all()

@@ -5,7 +5,6 @@ from __future__ import annotations
 import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import partial
 from typing import Annotated, BinaryIO
 
 import anyio
@@ -171,18 +170,19 @@ async def import_map(
     """
     require_media_type(request, *FILE_TYPES)
     content = await read_body(request, context.settings.max_body_bytes)
-    work = partial(_import_map, context, level_id, content, wanted, key_id=key.id)
-    return await anyio.to_thread.run_sync(work, limiter=context.uploads)
+    return await anyio.to_thread.run_sync(
+        _import_map, context, level_id, content, wanted, key.id, limiter=context.uploads
+    )
 
 
-def _import_map(context: ContextDep, level_id: str, content: bytes, wanted: _Import, *, key_id: str) -> Response:
+def _import_map(context: ContextDep, level_id: str, content: bytes, wanted: _Import, key_id: str) -> Response:
     info = context.services.exchange.import_map(
         level_id,
         content,
         wanted.kind,
         choices=wanted.choices,
         texts=wanted.texts,
-        publish=wanted.publish,
+        published=wanted.publish,
         key_id=key_id,
     )
     return Response(

@@ -116,8 +116,9 @@ class MapDocument:
 
 
 def even_axis(first: float, step: float, n: int) -> Float64Array:
-    """``n`` coordinates from ``first`` on, shape (n,)."""
-    axis: Float64Array = np.asarray(first + step * np.arange(n), dtype=np.float64)
+    """``n`` coordinates from ``first`` on, shape (n,); infinite where they are beyond float64."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        axis: Float64Array = np.asarray(first + step * np.arange(n), dtype=np.float64)
     return axis
 
 

@@ -18,6 +18,7 @@ from typing import Any, BinaryIO
 from xml.sax.saxutils import escape, unescape
 
 import numpy as np
+from numpy.typing import NDArray
 from PIL import Image
 
 from app.engine.errors import InputError
@@ -39,8 +40,9 @@ _USER_DEFINED = 32767
 _OURS = re.compile(r'<Item name="([A-Za-z0-9_]{1,40})">([^<]{0,200})</Item>')
 _PLACE = ("x0", "y0", "cell_m")
 _DAMAGED = (OSError, SyntaxError, ValueError, KeyError, IndexError, TypeError, OverflowError, EOFError, struct.error,
-            RuntimeError, AttributeError, MemoryError)  # fmt: skip
-"""What Pillow raises over damaged files."""
+            RuntimeError, AttributeError, MemoryError, UserWarning,
+            Image.DecompressionBombError)  # fmt: skip
+"""What Pillow raises over damaged files (warnings too, where they are errors)."""
 
 
 def write_geotiff(document: MapDocument, target: BinaryIO) -> None:
@@ -208,15 +210,18 @@ def _read_tiff(content: bytes) -> tuple[Float64Array, Float64Array, Float64Array
             if image.mode not in {"F", "I", "L", "I;16", "I;16B"}:
                 raise InputError("file", f"has pixels of mode {image.mode}; send one layer a file, float32")
             tags: dict[int, Any] = dict(image.tag_v2)  # type: ignore[attr-defined]
-            values = np.asarray(image, dtype=np.float64)
+            pixels = np.asarray(image)
     except _DAMAGED as error:
         if isinstance(error, InputError):
             raise
         raise InputError("file", f"is no readable TIFF ({str(error)[:80]}); send GeoTIFF of float32") from error
+    # float32 stays: a large raster is in memory more than once here
+    values: NDArray[Any] = pixels if pixels.dtype == np.float32 else pixels.astype(np.float64)
     items = {name: unescape(text) for name, text in _OURS.findall(str(tags.get(_GDAL_METADATA, "")))}
     x0, top, cell = _place(tags, items, rows)
     no_data = _no_data(tags)
-    values = np.where(values == no_data, np.nan, values) if no_data is not None else values
+    if no_data is not None:
+        values = np.where(values == values.dtype.type(no_data), values.dtype.type(np.nan), values)
     x, y = even_axis(x0, cell[0], columns), even_axis(top, -cell[1], rows)
     return x, y[::-1], values[::-1], items.get("layer", "value").lower()
 

@@ -231,14 +231,21 @@ def _microtesla(rasters: Rasters, name: str, choices: ImportChoices, assumed: li
     values = rasters.layers[name]
     unit = (choices.unit or rasters.units.get(name, "")).strip().lower()
     if unit in _NANOTESLA:
-        return (values.astype(np.float64) * 1e-3).astype(np.float32)
+        return _single(values.astype(np.float64) * 1e-3)
     if unit not in _MICROTESLA:
         if unit:
             raise InputError(name, f"is in {unit[:20]!r}; send uT or nT, or say which it is: unit=")
         words = "no unit is given: taken as uT"
         if words not in assumed:
             assumed.append(words)
-    return values.astype(np.float32)
+    return _single(values)
+
+
+def _single(values: Float64Array | Float32Array) -> Float32Array:
+    """As float32; what is beyond becomes infinite, and is refused as such."""
+    with np.errstate(over="ignore"):
+        single: Float32Array = values.astype(np.float32)
+    return single
 
 
 def _sd(
@@ -281,7 +288,7 @@ def _plain_layer(rasters: Rasters, name: str) -> Float32Array | None:
         return None
     if not (np.isfinite(values).all() and (values >= 0).all()):
         raise InputError(name, "is not finite or negative; send metres, 0 or more")
-    return values.astype(np.float32)
+    return _single(values)
 
 
 def _depth(rasters: Rasters) -> Float32Array | None:

@@ -17,13 +17,15 @@ from app.engine.geodesy import TangentPlane
 from app.engine.types import Float64Array, ImuSamples, IntArray, SurveyWalk, Waypoints
 from app.exchange.maps.text import lines_of
 from app.exchange.surveys.headers import SENSORS, Columns, columns_of
-from app.exchange.surveys.recording import Findings, Recording, enough, placed, rising, walks_of
-from app.exchange.surveys.units import CLOCKS, QUANTITIES, to_engine, to_seconds, unit_of
+from app.exchange.surveys.recording import MAX_VALUE, Findings, Recording, enough, placed, rising, walks_of
+from app.exchange.surveys.units import CLOCKS, QUANTITIES, factor_of, to_seconds, unit_of
 
 MAX_ROWS = 1_000_000
-"""Rows of one file: five hours at 50 Hz, 100 MB in memory."""
+"""Rows of one file: five hours at 50 Hz, 350 MB in memory."""
 MAX_LINE = 64 * 1024
 _DELIMITERS = (",", ";", "\t", "|")
+MAX_TIME = 1e20
+"""Nanoseconds since 1970 are 2e18."""
 _RESTART_S = 1.0
 """A clock that runs back by more begins another recording."""
 _MAX_WALKS = 10_000
@@ -99,20 +101,19 @@ def read_csv(
     enough(table.bad, table.rows, table.first_bad, findings)
     if not len(table.t):
         raise InputError("file", "has no row below its header; send one row a sample")
-    units = _units(columns, choices)
-    raw = np.frombuffer(table.t)
-    t = _times(raw, table, units, choices, findings)
-    values = np.frombuffer(table.values).reshape(-1, table.width)
+    t = _times(table, columns, choices, findings)
+    sheet = _Sheet(columns, table, np.frombuffer(table.values).reshape(-1, table.width), t)
+    factors = sheet.factors(_units(columns, choices), findings)
     walk = np.frombuffer(table.walk, np.int32)
     labels = list(table.walks)
     for number, rows in enumerate(_recordings(t, walk), start=1):
-        label = labels[walk[rows[0]]]
-        title = " ".join(part for part in (name, label) if part)
-        recording = _recording(title, t, values, rows, columns, table, units, plane, findings)
         if number > _MAX_WALKS:
             raise InputError("t", f"runs back more than {_MAX_WALKS} times; is this the time column?")
-        if recording is not None:
-            yield from walks_of(recording, choices.floor, findings)
+        title = " ".join(part for part in (name, labels[walk[rows[0]]]) if part)
+        samples = sheet.samples(rows, factors, title, findings)
+        if samples is not None:
+            waypoints, floors = sheet.positions(rows, plane)
+            yield from walks_of(Recording(title, samples, waypoints, floors), choices.floor, findings)
 
 
 def _read(source: BinaryIO, choices: CsvChoices) -> tuple[Columns, _Table]:
@@ -191,7 +192,7 @@ def _cell(text: str, number: int, *, comma: bool) -> float:
         raise InputError(
             f"line {number}", f"has {plain[:30]!r} where a number should be; correct or remove it"
         ) from error
-    return value if math.isfinite(value) else math.nan
+    return value if abs(value) <= MAX_VALUE else math.nan
 
 
 def _time(table: _Table, text: str, number: int, *, comma: bool) -> float:
@@ -200,7 +201,7 @@ def _time(table: _Table, text: str, number: int, *, comma: bool) -> float:
         value = float(text.replace(",", ".") if comma else text)
     except ValueError:
         value = _date(table, text.strip('"'))
-    if not math.isfinite(value):
+    if not abs(value) <= MAX_TIME:
         raise InputError(f"line {number}", f"has the time {text[:30]!r}; send a number, or ISO 8601")
     return value
 
@@ -236,14 +237,11 @@ def _units(columns: Columns, choices: CsvChoices) -> dict[str, str]:
     return units
 
 
-def _times(
-    raw: Float64Array, table: _Table, units: Mapping[str, str], choices: CsvChoices, findings: Findings
-) -> Float64Array:
+def _times(table: _Table, columns: Columns, choices: CsvChoices, findings: Findings) -> Float64Array:
+    raw = np.frombuffer(table.t)
     if table.naive:
         findings.assume("dates without a time zone, as UTC")
-    if table.dated:
-        return raw
-    return to_seconds(raw, units.get("t"), choices.start_s, findings)
+    return raw if table.dated else to_seconds(raw, _units(columns, choices).get("t"), choices.start_s, findings)
 
 
 def _recordings(t: Float64Array, walk: IntArray | np.ndarray[tuple[int], np.dtype[np.int32]]) -> Iterator[IntArray]:
@@ -253,50 +251,53 @@ def _recordings(t: Float64Array, walk: IntArray | np.ndarray[tuple[int], np.dtyp
     yield from np.split(order, np.flatnonzero(breaks) + 1)
 
 
-def _recording(
-    name: str,
-    t: Float64Array,
-    values: Float64Array,
-    rows: IntArray,
-    columns: Columns,
-    table: _Table,
-    units: Mapping[str, str],
-    plane: TangentPlane | None,
-    findings: Findings,
-) -> Recording | None:
-    part, when = values[rows], t[rows]
-    sensors = part[:, : table.n_sensors]
-    full = np.isfinite(sensors).all(axis=1)
-    partly = int((np.isfinite(sensors).any(axis=1) & ~full).sum())
-    if partly:
-        findings.skipped.append(f"{name}: {partly} rows without a reading of every sensor")
-    ordered = np.zeros(len(rows), dtype=bool)
-    ordered[np.flatnonzero(full)[rising(when[full])]] = True
-    if (late := int((full & ~ordered).sum())) > 0:
-        findings.skipped.append(f"{name}: {late} rows whose time does not go on")
-    if not ordered.any():
-        findings.skipped.append(f"{name}: no row with a reading of every sensor")
-        return None
-    blocks = {
-        sensor: to_engine(sensor, sensors[ordered, 3 * i : 3 * i + 3], units.get(sensor), findings)
-        for i, sensor in enumerate(QUANTITIES)
-    }
-    waypoints, floors = _positions(when, part[:, table.n_sensors :], rows, columns, table, plane)
-    return Recording(name, ImuSamples(when[ordered], **blocks), waypoints, floors)
+@dataclass(frozen=True, slots=True, eq=False)
+class _Sheet:
+    """All rows of a file: ``values`` (rows, sensors and position), NaN where a cell is empty; ``t`` (rows,) Unix s."""
 
+    columns: Columns
+    table: _Table
+    values: Float64Array
+    t: Float64Array
 
-def _positions(
-    t: Float64Array, xy: Float64Array, rows: IntArray, columns: Columns, table: _Table, plane: TangentPlane | None
-) -> tuple[Waypoints, tuple[str, ...]]:
-    """Positions at the first row that has each: later rows that repeat it were only filled in."""
-    known = np.flatnonzero(np.isfinite(xy).all(axis=1))
-    fresh = np.ones(len(known), dtype=bool)
-    fresh[1:] = (np.diff(xy[known], axis=0) != 0).any(axis=1)
-    known = known[fresh]
-    known = known[rising(t[known])] if len(known) else known
-    a, b = xy[known, 0], xy[known, 1]
-    x, y = placed(a, b, plane, "lat") if columns.is_geographic else (a, b)
-    names = list(table.floors)
-    codes = np.frombuffer(table.floor, np.int32)[rows[known]]
-    floors = tuple(names[code] for code in codes) if "floor" in columns.index else ()
-    return Waypoints(t[known], x, y), floors
+    def factors(self, units: Mapping[str, str], findings: Findings) -> dict[str, float]:
+        """What takes each sensor to the engine's unit, the same for all walks of the file."""
+        full = np.isfinite(self.values[:, : self.table.n_sensors]).all(axis=1)
+        if not full.any():
+            raise InputError("file", "has no row with a reading of every sensor; send all sensors on one time base")
+        return {
+            sensor: factor_of(sensor, self.values[full, 3 * i : 3 * i + 3], units.get(sensor), findings)
+            for i, sensor in enumerate(QUANTITIES)
+        }
+
+    def samples(self, rows: IntArray, factors: Mapping[str, float], name: str, findings: Findings) -> ImuSamples | None:
+        """Rows with a reading of every sensor, in time order; None if there is none."""
+        sensors, t = self.values[rows, : self.table.n_sensors], self.t[rows]
+        full = np.isfinite(sensors).all(axis=1)
+        partly = int((np.isfinite(sensors).any(axis=1) & ~full).sum())
+        if partly:
+            findings.skipped.append(f"{name}: {partly} rows without a reading of every sensor")
+        ordered = np.zeros(len(rows), dtype=bool)
+        ordered[np.flatnonzero(full)[rising(t[full])]] = True
+        if (late := int((full & ~ordered).sum())) > 0:
+            findings.skipped.append(f"{name}: {late} rows whose time does not go on")
+        if not ordered.any():
+            findings.skipped.append(f"{name}: no row with a reading of every sensor")
+            return None
+        blocks = {one: sensors[ordered, 3 * i : 3 * i + 3] * factor for i, (one, factor) in enumerate(factors.items())}
+        return ImuSamples(t[ordered], **blocks)
+
+    def positions(self, rows: IntArray, plane: TangentPlane | None) -> tuple[Waypoints, tuple[str, ...]]:
+        """Positions at the first row that has each, with their floors: later rows that repeat one were filled in."""
+        xy, t = self.values[rows, self.table.n_sensors :], self.t[rows]
+        known = np.flatnonzero(np.isfinite(xy).all(axis=1))
+        fresh = np.ones(len(known), dtype=bool)
+        fresh[1:] = (np.diff(xy[known], axis=0) != 0).any(axis=1)
+        known = known[fresh]
+        known = known[rising(t[known])] if len(known) else known
+        a, b = xy[known, 0], xy[known, 1]
+        x, y = placed(a, b, plane, "lat") if self.columns.is_geographic else (a, b)
+        names = list(self.table.floors)
+        codes = np.frombuffer(self.table.floor, np.int32)[rows[known]]
+        floors = tuple(names[code] for code in codes) if "floor" in self.columns.index else ()
+        return Waypoints(t[known], x, y), floors

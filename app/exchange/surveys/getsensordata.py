@@ -9,7 +9,6 @@ phone was busy with.
 
 from __future__ import annotations
 
-import math
 import re
 from array import array
 from collections import Counter
@@ -48,6 +47,8 @@ _ZONES_H = {
     "utc": 0, "gmt": 0, "z": 0, "wet": 0, "west": 1, "bst": 1, "cet": 1, "cest": 2, "eet": 2, "eest": 3, "jst": 9,
     "kst": 9, "hkt": 8,
 }  # fmt: skip
+_MAX_NUMBER = 1e12
+"""Whatever a log tells is smaller: readings, seconds, degrees."""
 _EARLY_PERCENTILE = 5.0
 _MAX_SPREAD_S = 0.5
 """Delays between sensor and application that vary by more are no delays: one of the clocks jumped."""
@@ -192,7 +193,7 @@ def _line(log: _Log, parts: list[str], *, radio: bool) -> None:
 
 def _finite(text: str) -> float:
     value = float(text)
-    if not math.isfinite(value):
+    if not abs(value) <= _MAX_NUMBER:
         raise ValueError(text)
     return value
 

@@ -17,6 +17,8 @@ MAX_WALK_S = 1800.0
 MAX_WALK_SAMPLES = 200_000
 MIN_RATE_HZ = 8.0
 """What the service takes as one walk; recordings are cut to fit."""
+MAX_VALUE = 1e9
+"""No sensor reads more in any unit; what does is taken for no reading."""
 MIN_WAYPOINT_S = 1.0
 """Positions that come more often are thinned: a leg between two of them should hold a step or two."""
 FLOOR_SLACK_S = 2.0

@@ -32,7 +32,7 @@ QUANTITIES: Mapping[str, Quantity] = {
     "mag": Quantity(
         "magnetic field", {"ut": 1.0, "nt": 1e-3, "gauss": 100.0, "mt": 1e3, "t": 1e6, "mgauss": 0.1}, (12.0, 200.0)
     ),
-    "acc": Quantity("acceleration", {"m/s2": 1.0, "g": _G, "mg": 1e-3 * _G}, (7.0, 14.0)),
+    "acc": Quantity("acceleration", {"m/s2": 1.0, "g": _G, "mg": 1e-3 * _G}, (5.0, 16.0)),
     # walkers turn at 0.02 to 2.5 rad/s (median of 5 s); in deg/s these are 1 to 145
     "gyro": Quantity(
         "rotation rate", {"rad/s": 1.0, "deg/s": np.pi / 180.0, "mdeg/s": 1e-3 * np.pi / 180.0}, (0.0, 2.7)
@@ -59,8 +59,8 @@ def unit_of(quantity: str, text: str) -> str | None:
     return plain if plain in QUANTITIES[quantity].factors else None
 
 
-def to_engine(quantity: str, values: Float64Array, unit: str | None, findings: Findings) -> Float64Array:
-    """Three columns, shape (n, 3), in the engine's unit.
+def factor_of(quantity: str, values: Float64Array, unit: str | None, findings: Findings) -> float:
+    """What takes three columns, shape (n, 3), to the engine's unit.
 
     Raises
     ------
@@ -71,8 +71,7 @@ def to_engine(quantity: str, values: Float64Array, unit: str | None, findings: F
     if unit is None:
         unit = _guess(quantity, values)
         findings.assume(f"{known.words} as {unit} by its magnitude ({_median(values):.4g})")
-    converted: Float64Array = values * known.factors[unit]
-    return converted
+    return known.factors[unit]
 
 
 def _median(values: Float64Array) -> float:
