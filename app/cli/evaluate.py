@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from app.evaluation.crowd import CrowdReport
     from app.evaluation.drivers import Transport
     from app.evaluation.fleet import FleetReport
+    from app.evaluation.forecast import ForecastReport
     from app.evaluation.kaist import KaistReport
     from app.evaluation.papers.report import PapersReport
     from app.evaluation.protocol import EvaluationOptions
@@ -118,6 +119,31 @@ def ilc20(
     )
     report = with_progress(lambda progress: run(options, url, key, progress))
     publish(report, json_file)
+
+
+@app.command("forecast")
+@reported
+def forecast(
+    data: Annotated[Path, typer.Option(help="Folder that holds ilc20/<site>-<floor>/ (or that folder itself).")],
+    levels: Annotated[
+        str, typer.Option(help="Names separated by commas, such as site1-F2.", show_default="all that are found")
+    ] = "",
+    json_file: JsonFile = None,
+    limit: Annotated[int | None, typer.Option(min=1, help="At most so many walks left out a level.")] = None,
+) -> None:
+    """Compare the forecast of accuracy with what is achieved, on survey walks that the map does not hold.
+
+    One walk of the train split in four is left out, the map is built of the rest, and the walks left out are tracked on
+    it. Beside the root mean square error of each walk, and of each 10 m, stands what the forecast expected.
+
+    Example:  isodyn evaluate forecast --data maps/samples
+    """
+    from app.evaluation.forecast import run_forecast
+    from app.evaluation.protocol import EvaluationOptions
+
+    named = tuple(name.strip() for name in levels.split(",") if name.strip())
+    options = EvaluationOptions(data=data, levels=named, limit=limit)
+    publish(with_progress(lambda progress: run_forecast(options, say=progress)), json_file)
 
 
 @app.command("kaist")
@@ -315,9 +341,10 @@ def with_progress(work: Callable[[Progress], R]) -> R:
         return work(lambda fraction, text: bars.update(bar, completed=fraction, text=text))
 
 
-def publish(
-    report: Report | CrowdReport | FleetReport | KaistReport | UjiReport | PapersReport, json_file: Path | None
-) -> None:
+AnyReport: TypeAlias = "Report | CrowdReport | FleetReport | ForecastReport | KaistReport | UjiReport | PapersReport"
+
+
+def publish(report: AnyReport, json_file: Path | None) -> None:
     """Write the report, print its table."""
     if json_file:
         json_file.parent.mkdir(parents=True, exist_ok=True)

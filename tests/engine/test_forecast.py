@@ -167,6 +167,9 @@ def test_nobody_comes_out_of_a_wall() -> None:
     assert np.isnan(forecast.mean_error()[10]).all()
     assert forecast.approach[0, 22, 60] == pytest.approx(30.0)
     assert forecast.approach[2, 20].max() == 0.0
+    # a metre out of the wall is less than half of the way along the corridor
+    assert (forecast.approach[2, 22, 60], forecast.weights()[2, 22, 60]) == (1.0, 0.0)
+    assert forecast.weights()[0, 22, 60] == 1.0
     # the worst heading is one that leads here, not the one out of the wall, which has seen one reading only
     assert forecast.error(2)[20, 60] > forecast.worst_error()[20, 60] >= forecast.error(0)[20, 60]
 

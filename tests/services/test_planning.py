@@ -132,7 +132,8 @@ def test_conflicts_of_a_map_with_evidence(world: World) -> None:
     assert found is not None
     assert found.shared_cells == pytest.approx(60, abs=2)
     ratio, sources = service.raster(map_id, QualityLayer.CONFLICT), service.raster(map_id, QualityLayer.SOURCES)
-    # nodes of the raster are the middles of its cells
+    # nodes of the raster are the middles of its cells, which begin half a node's distance before the map's first
+    assert (ratio.x0, ratio.y0) == (grid_map().x0 - 0.25 + 0.5, grid_map().y0 - 0.25 + 0.5)
     row = round((12.0 - ratio.y0) / ratio.cell_m)
     assert np.nanmax(sources.values) == 2.0
     assert np.isfinite(ratio.values).sum() == found.shared_cells

@@ -23,6 +23,7 @@ SAME_M = 6.0
 LIKE_NATS = 4.0
 """A stretch with a place less than this much less likely is ambiguous: the odds at which a search says it is sure."""
 _MAPPED_SHARE = 0.8
+_GOLDEN = 0.6180339887498949
 _BUDGET = 20_000_000
 """Places that all stretches of a route together are compared with, about a second: on large levels a long route is
 compared at fewer points."""
@@ -37,7 +38,7 @@ class Rivals:
     way : array, shape (n,), m
         Where each stretch ends, along the route.
     nats : array, shape (n,)
-        How much less likely the other place is, of the readings of a stretch; infinite where there is none.
+        How much less likely the other place is, of the readings of a stretch; infinite where none comes within 4.
     distance : array, shape (n,), m
         How far off it is; NaN where there is none.
     """
@@ -100,7 +101,10 @@ def _points(route: RouteForecast, end: float, step: float) -> IntArray:
     every = max(round(step * (last - first) / max(length, step)), 1)
     points = np.arange(first, last, every)
     known: IntArray = points[route.mapped[points]]
-    return known if len(known) >= _MAPPED_SHARE * len(points) else known[:0]
+    if len(known) < _MAPPED_SHARE * len(points):
+        return known[:0]
+    # far points first: neighbours tell the same, and most places are out after a few that do not
+    return known[np.argsort(np.arange(len(known)) * _GOLDEN % 1.0)]
 
 
 def _weight(
@@ -110,4 +114,4 @@ def _weight(
     unsure = (grid_map.sd[:, row, column].astype(np.float64) ** 2).mean(axis=1)
     variance = np.array(grid_map.noise_sd) ** 2 + 2.0 * unsure
     independent = min(step / (2.0 * errors.shared_m), 1.0)
-    return 0.5 * independent / np.maximum(variance, 1e-4), 4.0 * LIKE_NATS
+    return 0.5 * independent / np.maximum(variance, 1e-4), LIKE_NATS
