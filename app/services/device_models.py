@@ -12,8 +12,8 @@ from app.services.records import DeviceModel, Page
 
 MIN_DEVICES = 3
 """Fewer devices that taught something would be recognized in what they have in common; nor would it be worth much."""
-MAX_DEVICES = 50
-"""Devices that an estimate rests on, those used last: with so many the mean is known to a seventh of the spread, and
+MAX_DEVICES = 32
+"""Devices that an estimate rests on, those used last: with so many the mean is known to a sixth of the spread, and
 more would cost every start of a session for nothing."""
 
 

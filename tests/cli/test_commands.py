@@ -56,6 +56,9 @@ def test_lists_show_ids_whole(service: Service, surveyed: Surveyed) -> None:
     levels = service.isodyn("survey", "levels").stdout
     assert surveyed.level_id in levels
     assert surveyed.map_id in levels
+    assert surveyed.level_id in service.isodyn("survey", "levels", "--name", "site1 f2").stdout
+    assert "no levels yet" in service.isodyn("survey", "levels", "--near", "-80.0,12.5", "--radius", "10").stdout
+    assert run("survey", "levels", "--near", "here").exit_code == 2
     assert surveyed.map_id in service.isodyn("map", "list", "--level", surveyed.level_id).stdout
     assert surveyed.map_id in service.isodyn("map", "show", surveyed.map_id).stdout
 

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from app.engine.geodesy import TangentPlane
+from app.engine.geodesy import GeoBox, TangentPlane, metres_per_degree
 
 latitudes = st.floats(-85.0, 85.0)
 longitudes = st.floats(-180.0, 180.0)
@@ -117,3 +117,51 @@ def test_the_other_side_of_the_earth_is_nowhere() -> None:
     plane = TangentPlane(48.15, 11.57)
     x, y = plane.from_wgs84(np.array([-48.15, 48.15, 48.15]), np.array([-168.43, 130.0, 11.57]))
     assert np.isnan(x).tolist() == np.isnan(y).tolist() == [True, True, False]
+
+
+@pytest.mark.parametrize("latitude", [0.0, 48.15, -75.0])
+@pytest.mark.parametrize("longitude", [11.57, 179.999, -180.0])
+@pytest.mark.parametrize("bearing", [0.0, 30.0, 200.0])
+def test_the_box_of_a_rectangle_holds_it_and_no_more(latitude: float, longitude: float, bearing: float) -> None:
+    plane = TangentPlane(latitude, longitude, bearing)
+    box = plane.bounds(-300.0, 10.0, 900.0, 400.0)
+    assert -180.0 <= box.west_deg < 180.0
+    x, y = np.meshgrid(np.linspace(-300.0, 900.0, 13), np.linspace(10.0, 400.0, 5))
+    places = np.array([plane.to_wgs84(float(a), float(b)) for a, b in zip(x.ravel(), y.ravel(), strict=True)])
+    east = (places[:, 0] - box.west_deg + 1e-12) % 360.0
+    width = box.east_deg - box.west_deg
+    assert east.max() <= width + 1e-7
+    assert (places[:, 1].min(), places[:, 1].max()) == pytest.approx((box.south_deg, box.north_deg), abs=5e-7)
+    assert width == pytest.approx(east.max() - east.min(), abs=1e-7)
+
+
+def test_a_box_near_a_pole_takes_all_longitudes() -> None:
+    for latitude in (89.9, -89.9):
+        box = TangentPlane(latitude, 0.0).bounds(-100.0, -100.0, 100.0, 100.0)
+        assert box.east_deg - box.west_deg == 360.0
+        assert 90.0 in (box.north_deg, -box.south_deg)
+    assert GeoBox.around(89.5, 10.0, 30_000.0).east_deg == 180.0
+
+
+def test_a_box_around_a_place_holds_the_disc() -> None:
+    for latitude, longitude in ((0.0, 0.0), (60.0, 179.9), (-80.0, -179.9)):
+        box, plane = GeoBox.around(latitude, longitude, 5_000.0), TangentPlane(latitude, longitude)
+        for angle in np.linspace(0.0, 2.0 * np.pi, 36):
+            lon, lat = plane.to_wgs84(5_000.0 * np.cos(angle), 5_000.0 * np.sin(angle))
+            assert box.south_deg <= lat <= box.north_deg
+            assert (lon - box.west_deg) % 360.0 <= box.east_deg - box.west_deg
+
+
+def test_boxes_are_joined_the_short_way_round() -> None:
+    east, west = GeoBox(0.0, 179.0, 1.0, 179.5), GeoBox(-2.0, -179.5, -1.0, -179.0)
+    for joined in (east.union(west), west.union(east)):
+        assert joined == GeoBox(-2.0, 179.0, 1.0, 181.0)
+    assert east.union(east) == east
+    halves = GeoBox(0.0, -180.0, 1.0, 20.0).union(GeoBox(0.0, 0.0, 1.0, 179.0))
+    assert halves.east_deg - halves.west_deg == pytest.approx(359.0)
+
+
+def test_degrees_are_as_long_as_on_the_ellipsoid() -> None:
+    """Lengths of a degree of latitude and longitude, WGS 84 (NGA.STND.0036), at 0 and 45 degrees."""
+    assert metres_per_degree(0.0) == pytest.approx((110_574.3, 111_319.5), abs=0.1)
+    assert metres_per_degree(45.0) == pytest.approx((111_131.8, 78_846.8), abs=0.1)

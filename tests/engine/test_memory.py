@@ -15,6 +15,7 @@ from app.engine.calibration import (
     next_epoch,
     next_session,
     remember,
+    remember_offsets,
     remember_strides,
     unknown_device,
 )
@@ -250,3 +251,22 @@ def test_one_wrong_label_does_not_carry_the_day() -> None:
 
 def test_no_walk_teaches_nothing() -> None:
     assert remember_strides(known(1.0, 2.0), []) == known(1.0, 2.0)
+
+
+def test_survey_walks_measure_the_offset() -> None:
+    start = unknown_device()
+    one = remember_offsets(start, [(8.0, -4.0, 6.0)])
+    many = remember_offsets(start, [(8.0, -4.0, 6.0)] * 9 + [(60.0, 60.0, 60.0)])
+    assert remember_offsets(start, []) == start
+    for i in range(2):  # the vertical component has a floor of its own
+        assert start.offset_sd[i] > one.offset_sd[i] > many.offset_sd[i] >= MemoryLaw().offset_floor
+        assert abs(start.offset[i]) < abs(one.offset[i]) < abs(many.offset[i]) < abs((8.0, -4.0)[i])
+    assert many.offset_sd[2] == pytest.approx(one.offset_sd[2])
+    assert replace(many, offset=start.offset, offset_sd=start.offset_sd) == start
+
+
+def test_walks_that_disagree_say_that_the_next_session_may_be_of_either_kind() -> None:
+    agreed = remember_offsets(unknown_device(), [(6.0, 0.0, 0.0)] * 6)
+    jumped = remember_offsets(unknown_device(), [(12.0, 0.0, 0.0)] * 3 + [(0.0, 0.0, 0.0)] * 3)
+    assert jumped.offset_sd[0] > 1.5 * agreed.offset_sd[0]
+    assert jumped.offset_sd[1] == agreed.offset_sd[1]

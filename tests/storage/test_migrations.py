@@ -18,6 +18,7 @@ from app.engine.localization.codec import calibration_from
 from app.engine.types import DeviceCalibration, FixKind, Hypothesis, Prior
 from app.services.aids import NO_AIDS
 from app.services.records import LevelMap
+from app.services.search import Near, Search
 from app.storage import Database
 from app.storage.columns import encode_samples, encode_scans
 from app.storage.database import BrokenReferencesError
@@ -226,4 +227,32 @@ def test_builds_of_before_are_published_and_their_maps_are_known(tmp_path: Path)
         with database.engine.begin() as connection:
             command.downgrade(config_for(connection), "r0011")
         assert "publications" not in inspect(database.engine).get_table_names()
+
+
+def test_places_and_models_of_before_are_found(tmp_path: Path) -> None:
+    database = _at_revision(tmp_path, "r0010")
+    memory = f"'bias', 1, 2, 3, 2, 2, 2, 1.1, 0.05, 4, '{_NOW}', NULL"
+    with database.engine.begin() as connection:
+        connection.exec_driver_sql(
+            f"INSERT INTO venues VALUES ('ven', 'Old Mall', 'indoor', 48.0, 11.0, 30.0, 0.0, '{_NOW}', '{_NOW}')"
+        )
+        connection.exec_driver_sql(_VENUE.replace("'ven'", "'ven_nowhere'"))
+        connection.exec_driver_sql(_LEVEL)
+        connection.exec_driver_sql(f"INSERT INTO devices VALUES ('dev', 'phone', 'M1', '{_NOW}')")
+        connection.exec_driver_sql(f"INSERT INTO device_calibrations VALUES ('dev', {memory})")
+    database.migrate()
+    with database() as uow:
+        for search in (Search(near=Near(48.0, 11.0, 50.0)), Search(words=("old", "mal"))):
+            assert [one.item.id for one in uow.venues.find(search, cursor=None, limit=9).items] == ["ven"]
+            assert [one.item.id for one in uow.levels.find(search, venue_id=None, cursor=None, limit=9).items] == [
+                "lvl"
+            ]
+        assert [known.offset for known in uow.device_models.memories("M1", limit=9)] == [(1.0, 2.0, 3.0)]
+        assert uow.device_models.get("M1").n_devices == 1
+    with database.engine.begin() as connection:
+        command.downgrade(config_for(connection), "r0010")
+    assert "name_words" not in inspect(database.engine).get_table_names()
+    database.migrate()
+    with database() as uow:
+        assert len(uow.levels.find(Search(near=Near(48.0, 11.0)), venue_id=None, cursor=None, limit=9).items) == 1
     database.close()

@@ -31,7 +31,7 @@ class ModelEstimateOut(Out):
 
     model_config = example(_ESTIMATE)
 
-    n_taught: Annotated[int, Field(description="Devices it rests on: the last 50 that taught something.")]
+    n_taught: Annotated[int, Field(description="Devices it rests on: the last 32 that taught something.")]
     typical: Annotated[CalibrationOut, Field(description="The model's mean; deviations are those of the mean.")]
     spread: Annotated[CalibrationOut, Field(description="Deviations are those among devices of the model.")]
     start: Annotated[

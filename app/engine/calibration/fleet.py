@@ -42,9 +42,9 @@ class FleetLaw:
         Half: nothing is known of it.
     odd_share, odd_sd : float
         So many devices are not like their siblings, and how they are: by so many times the standard deviation over all
-        devices. A magnetic case offsets by some 15 uT. A new device may be one of them, so none starts surer than this
-        allows (0.67 of the standard deviation over all devices): a tracker that believes its start too much never finds
-        an odd device's offset.
+        devices. (Of 50 phones and epochs on six recorded floors 3 were off by 11 to 44 uT, the others by some 3 uT.) A
+        new device may be one of them, so none starts surer than this allows (0.67 of the standard deviation over all
+        devices): a tracker that believes its start too much never finds an odd device's offset.
     spreads : int
         Points of the grid of spreads.
     """

@@ -155,7 +155,9 @@ def remember_offsets(
     """The memory after survey walks of the device in one epoch of its magnetometer: hard iron measured against a map.
 
     Stride and soft iron stay as they were. Each walk's offset was found together with the map and with the others' of
-    the survey; their common error is not told, so all walks count as one measurement, no better than a floor.
+    the survey; their common error is not told, so all walks count as one measurement, no better than a floor. Nor is it
+    better than the walks agree: where they do not, the platform calibrated anew between them and nobody said so, and
+    the next session may be of either kind.
 
     Parameters
     ----------
@@ -170,13 +172,19 @@ def remember_offsets(
     (x, sx), (y, sy), (z, sz) = (
         _update(
             (expected.offset[i], expected.offset_sd[i]),
-            statistics.median(offset[i] for offset in offsets),
-            max(noise, law.offset_survey_floor[i]),
+            statistics.median(found),
+            max(noise, _robust_sd(found), law.offset_survey_floor[i]),
             law.offset_floor,
         )
-        for i in range(3)
+        for i, found in enumerate([[offset[i] for offset in offsets] for i in range(3)])
     )
     return replace(expected, offset=(x, y, z), offset_sd=(sx, sy, sz))
+
+
+def _robust_sd(values: Sequence[float]) -> float:
+    """Standard deviation from the median of absolute deviations; as if normal."""
+    middle = statistics.median(values)
+    return 1.4826 * statistics.median(abs(value - middle) for value in values)
 
 
 def _soft_iron(known: DeviceCalibration) -> list[tuple[float, float]]:
