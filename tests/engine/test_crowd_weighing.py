@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from app.engine.mapping.crowd import (
     Action,
     CellState,
     Finding,
+    Omission,
     Reason,
     ReductionPolicy,
     TrustPolicy,
@@ -37,6 +39,16 @@ def weights(weighed: Weighed, source_id: str) -> np.ndarray:
 def test_the_table_knows_every_case_and_uses_every_action() -> None:
     assert set(TABLE) == set(itertools.product(CellState, Finding))
     assert set(TABLE.values()) == set(Action)
+
+
+def test_the_documents_show_the_table() -> None:
+    text = Path("docs/crowd.md").read_text()
+    for (state, finding), action in TABLE.items():
+        assert f"| {state.value} | {finding.value} | {action.value} |" in text
+    for reason in Reason:
+        assert f"`{reason.value}`" in text
+    for omission in Omission:
+        assert f"`{omission.value}`" in text
 
 
 def test_an_honest_walk_over_mapped_ground_counts() -> None:

@@ -3,8 +3,8 @@
 Positions are those of the smoothed fixes, so they err: by how much their covariance says, and the evidence carries it
 as ``spread``. Nothing here makes a position a truth; the map raises the variance of a row by what a displacement of
 that spread changes the field. What a session read is corrected for its device in two ways: by what earlier sessions
-taught of it, and by comparing the session with the map it was located on, for hard iron differs from day to day and the angle
-at which a phone is carried from walk to walk.
+taught of it, and by comparing the session with the map it was located on, for hard iron differs from day to day and
+the angle at which a phone is carried from walk to walk.
 """
 
 from __future__ import annotations
