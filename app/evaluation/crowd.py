@@ -52,9 +52,6 @@ FOLDS = 4
 NO_AIDS = Aids()
 _NEIGHBOURS = 64
 _SUPPORT_CAP_M = 50.0
-CONTRIBUTIONS = ContributionPolicy(spread_m=4.0, unsure=True, min_mapped=0.1, adjust=False)
-"""Where two thirds of the ground are new, a session is seldom sure: what it brings counts by its spread, and what
-others bear out."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,7 +84,7 @@ class CrowdOptions:
     left_out: float | None = None
     limit: int | None = None
     seed: int = 0
-    contributions: ContributionPolicy = CONTRIBUTIONS
+    contributions: ContributionPolicy = field(default_factory=ContributionPolicy)
     trust: TrustPolicy = field(default_factory=TrustPolicy)
 
     def __post_init__(self) -> None:
