@@ -179,6 +179,16 @@ def test_nothing_comes_of_nothing() -> None:
     assert weigh(one, model=level.model).evidence.weight.tolist() == [0.0]
 
 
+def test_rows_that_are_no_numbers_do_no_harm() -> None:
+    level = Level.random(38)
+    good = joined(level.survey(4.0), level.traffic(3))
+    broken = tampered(level.session("broken", "eve", DAY_S), lambda _xy, v: np.full_like(v, np.nan))
+    weighed = weigh(joined(good, broken), model=level.model)
+    assert weights(weighed, "broken").max() == 0.0
+    expected = weigh(good, model=level.model).evidence.weight
+    np.testing.assert_array_equal(weighed.evidence.weight[: len(good)], expected)
+
+
 def test_weighing_does_not_touch_its_input() -> None:
     level = Level.random(38)
     evidence = joined(level.survey(4.0), level.traffic(3))
