@@ -52,9 +52,6 @@ FOLDS = 4
 NO_AIDS = Aids()
 _NEIGHBOURS = 64
 _SUPPORT_CAP_M = 50.0
-CONTRIBUTIONS = ContributionPolicy(spread_m=4.0, unsure=True, min_mapped=0.1, adjust=False)
-"""Where two thirds of the ground are new, a session is seldom sure: what it brings counts by its spread, and what
-others bear out."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,7 +84,7 @@ class CrowdOptions:
     left_out: float | None = None
     limit: int | None = None
     seed: int = 0
-    contributions: ContributionPolicy = CONTRIBUTIONS
+    contributions: ContributionPolicy = field(default_factory=ContributionPolicy)
     trust: TrustPolicy = field(default_factory=TrustPolicy)
 
     def __post_init__(self) -> None:
@@ -160,7 +157,7 @@ class CrowdReport:
 
 
 @dataclass(frozen=True, slots=True)
-class _Parts:
+class Parts:
     """Walks of a level by what they are for."""
 
     third: tuple[RecordedWalk, ...]
@@ -184,15 +181,14 @@ def run_crowd(options: CrowdOptions, progress: Progress | None = None) -> CrowdR
     warm_up()
     levels = {}
     for i, name in enumerate(names):
-        levels[name] = evaluate_level(
-            data.level(name), options, lambda f, what, i=i, name=name: say((i + f) / len(names), f"{name}: {what}")
-        )
+        levels[name] = evaluate_level(data.level(name), options, _part_of(say, i, len(names)))
+    say(1.0, "done")
     return CrowdReport(levels)
 
 
 def evaluate_level(level: Ilc20Level, options: CrowdOptions, say: Progress) -> CrowdLevel:
-    """Figures of one level."""
-    parts = _share_out(level, options)
+    """Figures of one level; walks of the train split are shared out by :func:`share_out`."""
+    parts = share_out(level, options)
     plan = None if level.vector_plan is None else FloorPlan.from_geojson(level.vector_plan)
     say(0.0, "map of all walks")
     survey = {
@@ -225,7 +221,8 @@ def _mapped_m2(grid_map: GridMap) -> float:
     return float(grid_map.mapped.sum()) * grid_map.cell_m**2
 
 
-def _share_out(level: Ilc20Level, options: CrowdOptions) -> _Parts:
+def share_out(level: Ilc20Level, options: CrowdOptions) -> Parts:
+    """Walks to survey, to locate and to score: none of the scored ones is in any map."""
     walks = level.walks("train")
     order = [walks[i] for i in np.random.default_rng([options.seed, walk_seed(level.name)]).permutation(len(walks))]
     held = round(len(order) * options.left_out) if options.left_out else 0
@@ -234,7 +231,7 @@ def _share_out(level: Ilc20Level, options: CrowdOptions) -> _Parts:
     if len(rest) < 3 or not scored:
         raise OptionsError("levels", f"{level.name} has {len(walks)} train walks, too few to share out")
     third = len(rest) // 3
-    return _Parts(tuple(rest[:third]), tuple(rest[third:]), tuple(scored)[: options.limit])
+    return Parts(tuple(rest[:third]), tuple(rest[third:]), tuple(scored)[: options.limit])
 
 
 def _aided(walk: SurveyWalk, aids: Aids) -> SurveyWalk:
@@ -326,6 +323,15 @@ def residual_variance(grid_map: GridMap, walks: Sequence[RecordedWalk]) -> float
         ratios.append(residual**2 / (there.sd[there.mapped] ** 2 + noise**2))
     ratio = np.concatenate(ratios)
     return float(ratio.mean()) if len(ratio) else float("nan")
+
+
+def _part_of(say: Progress, i: int, n: int) -> Progress:
+    """Progress of the ``i``-th of ``n`` equal parts."""
+
+    def said(fraction: float, what: str) -> None:
+        say((i + fraction) / n, f"{what} ({i + 1} of {n})")
+
+    return said
 
 
 def _silent(_fraction: float, _what: str) -> None:

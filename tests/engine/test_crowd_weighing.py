@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from app.engine.mapping.crowd import (
     Action,
     CellState,
     Finding,
+    Omission,
     Reason,
     ReductionPolicy,
     TrustPolicy,
@@ -37,6 +39,16 @@ def weights(weighed: Weighed, source_id: str) -> np.ndarray:
 def test_the_table_knows_every_case_and_uses_every_action() -> None:
     assert set(TABLE) == set(itertools.product(CellState, Finding))
     assert set(TABLE.values()) == set(Action)
+
+
+def test_the_documents_show_the_table() -> None:
+    text = Path("docs/crowd.md").read_text()
+    for (state, finding), action in TABLE.items():
+        assert f"| {state.value} | {finding.value} | {action.value} |" in text
+    for reason in Reason:
+        assert f"`{reason.value}`" in text
+    for omission in Omission:
+        assert f"`{omission.value}`" in text
 
 
 def test_an_honest_walk_over_mapped_ground_counts() -> None:
@@ -165,6 +177,16 @@ def test_nothing_comes_of_nothing() -> None:
     assert len(empty.evidence) == 0
     one = level.session("s", "ann", DAY_S).subset(np.array([0]))
     assert weigh(one, model=level.model).evidence.weight.tolist() == [0.0]
+
+
+def test_rows_that_are_no_numbers_do_no_harm() -> None:
+    level = Level.random(38)
+    good = joined(level.survey(4.0), level.traffic(3))
+    broken = tampered(level.session("broken", "eve", DAY_S), lambda _xy, v: np.full_like(v, np.nan))
+    weighed = weigh(joined(good, broken), model=level.model)
+    assert weights(weighed, "broken").max() == 0.0
+    expected = weigh(good, model=level.model).evidence.weight
+    np.testing.assert_array_equal(weighed.evidence.weight[: len(good)], expected)
 
 
 def test_weighing_does_not_touch_its_input() -> None:

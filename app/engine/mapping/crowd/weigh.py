@@ -16,6 +16,7 @@ import numpy as np
 
 from app.engine.mapping.crowd.agreement import Comparison, compare, shared_credit
 from app.engine.mapping.crowd.changes import ChangeEvent, find_changes, merge_events
+from app.engine.mapping.crowd.doubts import Heard, bias, contradicted
 from app.engine.mapping.crowd.passes import Passes, gather
 from app.engine.mapping.crowd.physics import implausible
 from app.engine.mapping.crowd.policy import Action, CellState, Finding, Reason, TrustPolicy
@@ -24,6 +25,9 @@ from app.engine.mapping.model import MapModel
 from app.engine.types import BoolArray, Evidence, Float64Array, SourceKind
 
 _NOBODY: Mapping[str, float] = MappingProxyType({})
+_STATES = np.array([CellState.UNMAPPED, CellState.CROWD, CellState.SURVEYED], dtype=object)
+_CROWD = 2
+"""Others who make a cell the crowd's; with one other alone it is new."""
 _BY_OTHERS = (Reason.BIASED, Reason.CONTRADICTED, Reason.MISPLACED, Reason.REPUTATION)
 
 
@@ -104,6 +108,11 @@ class _Ledger:
         """Passes that can be compared and are no history."""
         return ~self.old & (self.comparison.explained >= policy.explained)
 
+    def heard(self, policy: TrustPolicy) -> Heard:
+        """Sessions as they compare with others."""
+        judged = self.judged(policy) & ~self.passes.survey
+        return Heard(self.passes, self.comparison, judged, self.agrees(policy), self.new)
+
 
 def weigh(
     evidence: Evidence,
@@ -128,9 +137,16 @@ def weigh(
     Returns
     -------
     Weighed
-        Rows of sessions get weights from 0 to 1, those of surveys 1, or 0 where a change has overtaken them.
+        Rows of sessions get weights from 0 to 1, those of surveys 1, or 0 where a change has overtaken them. Rows that
+        are no numbers get 0.
     """
     policy = policy or TrustPolicy()
+    finite = np.flatnonzero(np.isfinite(np.column_stack([evidence.values, evidence.xy])).all(axis=1))
+    if len(finite) < len(evidence):
+        rest = weigh(evidence.subset(finite), policy, model=model, reputation=reputation)
+        weights = np.zeros(len(evidence), np.float32)
+        weights[finite] = rest.evidence.weight
+        return replace(rest, evidence=replace(evidence, weight=weights))
     if not len(evidence):
         return Weighed(evidence, (), (), {})
     passes = gather(evidence, model, policy.cell_m)
@@ -188,11 +204,10 @@ def _trust(
     best_first = np.argsort(-priors[sources, 0] / priors[sources].sum(axis=1), kind="stable")
     prior = np.tile(policy.reputation_prior, (n, 1))
     prior[passes.witness[first[best_first]]] = priors[sources[best_first]]  # of several names the worst one stays
-    session = ~passes.survey
     told = posterior(
         (prior[:, 0], prior[:, 1]),
-        np.bincount(passes.witness, agreed & judged & session, n).astype(np.float64),
-        np.bincount(passes.witness, judged & session, n).astype(np.float64),
+        np.bincount(passes.witness, agreed & judged, n).astype(np.float64),
+        np.bincount(passes.witness, judged, n).astype(np.float64),
         policy,
     )
     return np.where(passes.survey, 1.0, told[passes.witness])
@@ -214,54 +229,9 @@ def _form_consensus(
         credit = np.where(passes.survey, 1.0, ledger.trust * robust)
         credit = np.where(ledger.is_bad() | ledger.old, 0.0, credit)
         ledger.comparison = compare(passes, model.covariance, credit)
-        agreed, judged = ledger.agrees(policy), ledger.judged(policy)
-        ledger.trust = _trust(passes, evidence, agreed, judged, reputation, policy)
-        ledger.bad = {**_distrusted(passes, ledger.trust, policy), **_contradicted(ledger, model, policy), **physics}
-
-
-def _contradicted(ledger: _Ledger, model: MapModel, policy: TrustPolicy) -> dict[int, Reason]:
-    """Sources that others contradict, over all or by one offset."""
-    passes, judged = ledger.passes, ledger.judged(policy) & ~ledger.passes.survey
-    n = int(passes.source.max()) + 1
-    count = np.bincount(passes.source, judged, n)
-    agreed = np.bincount(passes.source, judged & ledger.agrees(policy), n)
-    enough = count >= policy.least_cells
-    mean, variance = _bias(ledger, judged, policy)
-    allowed = (policy.bias_ut / model.level.sd) ** 2 + variance[:, None]
-    biased = enough & ((mean**2 / allowed).max(axis=1) > policy.bias_sds**2)
-    refuted = enough & (agreed < policy.contradicted * count)
-    return {
-        **dict.fromkeys(np.flatnonzero(enough & _misplaced(ledger, judged, policy)).tolist(), Reason.MISPLACED),
-        **dict.fromkeys(np.flatnonzero(biased).tolist(), Reason.BIASED),
-        **dict.fromkeys(np.flatnonzero(refuted).tolist(), Reason.CONTRADICTED),
-    }
-
-
-def _bias(ledger: _Ledger, judged: BoolArray, policy: TrustPolicy) -> tuple[Float64Array, Float64Array]:
-    """Mean residual of each source, shape (s, channels), and its variance (s,), units of the field's variance."""
-    passes, comparison = ledger.passes, ledger.comparison
-    counted = judged & ~ledger.new  # a change is no offset, nor is what may become one: outliers count for less
-    n = int(passes.source.max()) + 1
-    robust = np.minimum(1.0, policy.disagree / np.maximum(comparison.misfit, 1e-9))
-    precision = np.where(counted, robust / comparison.variance, 0.0)
-    total = np.maximum(np.bincount(passes.source, precision, n), 1e-9)
-    columns = [np.bincount(passes.source, precision * column, n) / total for column in comparison.residual.T]
-    return np.stack(columns, axis=1), policy.alike_cells / total
-
-
-def _misplaced(ledger: _Ledger, judged: BoolArray, policy: TrustPolicy) -> BoolArray:
-    """Sources that agree nowhere well, though hardly anywhere badly, shape (s,): so does a walk told of another place.
-
-    A misfit is chi-square over its degrees of freedom, one per channel: mean 1, variance 2 per degree.
-    """
-    passes, comparison = ledger.passes, ledger.comparison
-    counted = judged & ~ledger.new
-    n = int(passes.source.max()) + 1
-    count = np.maximum(np.bincount(passes.source, counted, n), 1.0)
-    capped = np.minimum(comparison.misfit, _CAPPED * policy.disagree)  # a change ahead is no reason to doubt the rest
-    mean = np.bincount(passes.source, np.where(counted, capped, 0.0), n) / count
-    sd = np.sqrt(2.0 / passes.value.shape[1] * policy.alike_cells / count)
-    return np.asarray(mean > policy.misfit + policy.bias_sds * sd)
+        heard = ledger.heard(policy)
+        ledger.trust = _trust(passes, evidence, heard.agreed, heard.judged, reputation, policy)
+        ledger.bad = {**_distrusted(passes, ledger.trust, policy), **contradicted(heard, model, policy), **physics}
 
 
 def _follow_changes(ledger: _Ledger, model: MapModel, policy: TrustPolicy) -> list[ChangeEvent]:
@@ -293,18 +263,11 @@ def _actions(ledger: _Ledger, policy: TrustPolicy) -> np.ndarray[tuple[int], np.
     finding[~known] = Finding.ALONE
     if not policy.agreement:
         finding[:] = Finding.AGREES
-    finding[ledger.new] = Finding.PERSISTS
+    finding[ledger.new | ledger.old] = Finding.PERSISTS
     for source, reason in ledger.bad.items():
         physics = reason not in _BY_OTHERS
         finding[ledger.passes.source == source] = Finding.IMPLAUSIBLE if physics else Finding.DISTRUSTED
     return np.array([policy.table[s, f] for s, f in zip(state, finding, strict=True)], dtype=object)
-
-
-_CAPPED = 1.5
-"""Times the misfit that disagrees: more than this one cell adds nothing to the doubt of its source."""
-_STATES = np.array([CellState.UNMAPPED, CellState.CROWD, CellState.SURVEYED], dtype=object)
-_CROWD = 2
-"""Others who make a cell the crowd's; with one other alone it is new."""
 
 
 def _weights(ledger: _Ledger, actions: np.ndarray, policy: TrustPolicy) -> Float64Array:
@@ -321,9 +284,9 @@ def _verdicts(
     ledger: _Ledger, actions: np.ndarray, evidence: Evidence, model: MapModel, policy: TrustPolicy
 ) -> tuple[Verdict, ...]:
     passes = ledger.passes
-    judged = ledger.judged(policy)
-    agreed = judged & ledger.agrees(policy)
-    mean, _ = _bias(ledger, judged, policy)
+    heard = ledger.heard(policy)
+    judged, agreed = heard.judged, heard.judged & heard.agreed
+    mean, _ = bias(heard, policy)
     by_source = np.argsort(passes.source, kind="stable")
     owners, first = np.unique(passes.source[by_source], return_index=True)
     verdicts = []
