@@ -32,6 +32,7 @@ TAGS = [
     {"name": "surveys", "description": "Walks with known positions."},
     {"name": "maps", "description": "Immutable, versioned magnetic maps of levels."},
     {"name": "exchange", "description": "Maps and surveys as files."},
+    {"name": "contributions", "description": "What sessions offer to maps, and changes of the field."},
     {"name": "sessions", "description": "Trips of devices."},
     {"name": "segments", "description": "Uploaded stretches of a session."},
     {"name": "positions", "description": "Fixes of a session."},

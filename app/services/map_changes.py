@@ -53,17 +53,28 @@ def can_update(info: MapInfo) -> bool:
 
 
 def queue_update(uow: UnitOfWork, level_id: str, now: datetime) -> Job | None:
-    """Queue an update of the level's current map, unless one waits already, or there is nothing to update."""
+    """Queue an update of the level's current map, unless one waits already or there is nothing to update.
+
+    Nor is one queued after a roll-back: what made somebody go back would come in again.
+    """
     new = NewBuild(level_id, mode=MapKind.UPDATE)
     current = uow.levels.get(level_id).current_map_id
     if current is None or not can_update(uow.maps.get(current)) or uow.jobs.is_queued(level_id, JobKind.BUILD_MAP):
         return None
-    if not changes_of(uow, new, current):
+    if _rolled_back(uow, level_id) or not changes_of(uow, new, current):
         return None
     job = build_job(new, now)
     uow.jobs.add(job)
     uow.maps.add_build(job.id, new)
     return job
+
+
+def _rolled_back(uow: UnitOfWork, level_id: str) -> bool:
+    """Whether somebody went back to an older version: then maps change only when somebody asks for it."""
+    last = uow.publications.latest(level_id)
+    if last is None or last.from_map_id is None:
+        return False
+    return uow.maps.get(last.map_id).version < uow.maps.get(last.from_map_id).version
 
 
 def build_job(new: NewBuild, now: datetime) -> Job:

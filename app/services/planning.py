@@ -10,6 +10,7 @@ from threading import Lock
 
 import numpy as np
 
+from app.engine.mapping import MapModel
 from app.engine.mapping.forecast import HEADINGS_DEG, AccuracyForecast, WalkerErrors, forecast_accuracy
 from app.engine.mapping.outlook import RouteOutlook, route_outlook
 from app.engine.mapping.quality import (
@@ -19,7 +20,7 @@ from app.engine.mapping.quality import (
     summarize_coverage,
     walkable_space,
 )
-from app.engine.mapping.suggestions import Plan, suggest_lines
+from app.engine.mapping.suggestions import DEFAULT, Plan, suggest_lines
 from app.engine.types import Float32Array, GridMap
 from app.services.clock import Clock
 from app.services.errors import InvalidError, NoEvidenceError
@@ -161,6 +162,7 @@ class PlanningService:
             grid,
             count=count,
             field_sd=info.field_sd,
+            covariance=DEFAULT if info.model is None else MapModel.from_values(info.model).covariance,
             evidence=evidence,
             conflict=None if evidence is None else find_conflicts(grid, evidence),
             now=self._clock().timestamp(),

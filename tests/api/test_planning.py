@@ -10,6 +10,7 @@ from PIL import Image
 
 from app.api.schemas.planning import LAYER_WORDS, MAX_CORNERS
 from app.engine.geodesy import TangentPlane
+from app.services.maps import MapService
 from app.services.planning import QualityLayer
 from app.services.records import Scope
 from tests.api.harness import ANCHOR, Api
@@ -39,7 +40,7 @@ def test_quality(api: Api, path: str) -> None:
     rows, columns = grid.shape
     assert found["coverage"]["mapped_m2"] == pytest.approx((rows - 1) * columns * grid.cell_m**2)
     assert found["mean_error"]["p50_m"] < found["worst_error"]["p90_m"]
-    assert found["conflict"] is None
+    assert found["conflict"] == {"shared_cells": 0, "conflict_cells": 0}
     unchanged = api.get(f"{path}/quality", headers={"If-None-Match": response.headers["ETag"]})
     assert (unchanged.status_code, unchanged.content) == (304, b"")
 
@@ -64,13 +65,20 @@ def test_every_layer_is_described() -> None:
     assert set(LAYER_WORDS) == set(QualityLayer)
 
 
+def test_a_map_without_evidence_tells_no_conflicts(api: Api, path: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(MapService, "evidence", lambda self, map_id: None)
+    refused = api.get(f"{path}/quality/raster?layer=conflict")
+    assert refused.status_code == 409
+    (error,) = refused.json()["errors"]
+    assert error["field"] == "map_id"
+
+
 @pytest.mark.parametrize(
     ("query", "status", "field"),
     [
         ("layer=along", 422, "heading_deg"),
         ("layer=mean_error&heading_deg=90", 422, "heading_deg"),
         ("layer=depth", 422, "layer"),
-        ("layer=conflict", 409, "map_id"),
     ],
 )
 def test_refused_rasters(api: Api, path: str, query: str, status: int, field: str) -> None:

@@ -289,3 +289,21 @@ def test_a_change_is_noted_once(world: World) -> None:
     boxes = [c.box for c in world.services.contributions.changes(level_id=level.id).items]
     assert sorted(boxes) == [(20.0, 8.0, 22.0, 9.0), (40.0, 8.0, 41.0, 9.0)]
     assert world.services.contributions.changes(level_id="lvl_none").items == ()
+
+
+def test_after_a_roll_back_maps_change_only_when_asked(world: World) -> None:
+    level = mapped(world)
+    one = offered(world, level)
+    run_update(world, (verdict(one.id, Action.CONFIRM),))
+    world.services.versions.publish(level.id, str(level.current_map_id), note="bad walk")
+    offered(world, level)
+    assert world.services.processing.claim(5, JobKind.BUILD_MAP) == ()
+    assert world.services.maps.current(level.id).id == level.current_map_id
+    world.services.contributions.reject(one.id)
+    world.services.maps.request_build(NewBuild(level.id, mode=MapKind.UPDATE))
+    spec, _ = run_update(world)
+    assert spec.base is not None
+    assert len(spec.base.added) == 1
+    assert one.id not in spec.base.added
+    offered(world, level)
+    run_update(world)

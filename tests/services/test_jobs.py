@@ -50,7 +50,7 @@ def test_jobs_are_listed_by_kind_and_state(world: World) -> None:
     session = world.session()
     accepted = world.services.sessions.accept(session.id, new_segment(0)).job
     jobs = world.services.jobs
-    assert jobs.list(kind=JobKind.LOCATE_SEGMENT).items == (accepted,)
+    assert jobs.list(kinds=(JobKind.LOCATE_SEGMENT,)).items == (accepted,)
     assert [job.kind for job in jobs.list(state=JobState.DONE).items] == [JobKind.BUILD_MAP]
     assert len(jobs.list().items) == 2
     with pytest.raises(NotFoundError):

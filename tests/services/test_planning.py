@@ -67,7 +67,8 @@ def test_quality_of_a_map(world: World) -> None:
     assert found.worst_error.p50_m is not None
     assert 0 < found.mean_error.p50_m <= found.worst_error.p50_m
     assert [deg for deg, _ in found.by_heading] == [0, 45, 90, 135, 180, 225, 270, 315]
-    assert found.conflict is None
+    assert found.conflict is not None
+    assert found.conflict.shared_cells == 0
 
 
 def test_a_map_with_nothing_mapped_has_no_error(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -121,7 +122,10 @@ def test_a_forecast_of_a_map_is_computed_once(world: World, monkeypatch: pytest.
 
 
 @pytest.mark.parametrize("layer", [QualityLayer.CONFLICT, QualityLayer.SOURCES])
-def test_maps_without_evidence_cannot_tell_conflicts(world: World, layer: QualityLayer) -> None:
+def test_maps_without_evidence_cannot_tell_conflicts(
+    world: World, layer: QualityLayer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(type(world.services.maps), "evidence", lambda self, map_id: None)
     with pytest.raises(NoEvidenceError, match="POST /v1/maps"):
         world.services.planning.raster(_map_id(world), layer)
 

@@ -187,7 +187,7 @@ def test_a_gap_says_which_segment_is_missing(world: World, sent: int, expected: 
     with pytest.raises(SequenceGapError) as caught:
         world.services.sessions.accept(session.id, new_segment(sent))
     assert (caught.value.seq, caught.value.expected) == (sent, expected)
-    assert world.services.jobs.list(kind=JobKind.LOCATE_SEGMENT).items == ()
+    assert world.services.jobs.list(kinds=(JobKind.LOCATE_SEGMENT,)).items == ()
 
 
 def test_a_closed_session_takes_nothing_new_but_answers_repeats(world: World) -> None:

@@ -805,13 +805,14 @@ def test_job_lists_filter(database: Database) -> None:
     )
     with database() as uow:
 
-        def listed(kind: JobKind | None = None, state: JobState | None = None) -> list[str]:
-            return ids(uow.jobs.list(kind=kind, state=state, cursor=None, limit=9))
+        def listed(*kinds: JobKind, state: JobState | None = None) -> list[str]:
+            return ids(uow.jobs.list(kinds=kinds, state=state, cursor=None, limit=9))
 
         assert listed() == ["job_3", "job_2", "job_1"]
-        assert listed(kind=JobKind.BUILD_MAP) == ["job_3"]
+        assert listed(JobKind.BUILD_MAP) == ["job_3"]
+        assert listed(JobKind.BUILD_MAP, JobKind.LOCATE_SEGMENT) == ["job_3", "job_2", "job_1"]
         assert listed(state=RUNNING) == ["job_1"]
-        assert listed(kind=JobKind.LOCATE_SEGMENT, state=QUEUED) == ["job_2"]
+        assert listed(JobKind.LOCATE_SEGMENT, state=QUEUED) == ["job_2"]
 
 
 def test_keys(database: Database) -> None:

@@ -41,10 +41,10 @@ def upgrade() -> None:
         sa.ForeignKeyConstraint(["level_id"], ["levels.id"], name=op.f("fk_contributions_level_id")),
         sa.ForeignKeyConstraint(["map_id"], ["maps.id"], name=op.f("fk_contributions_map_id")),
         sa.PrimaryKeyConstraint("id", name=op.f("pk_contributions")),
-        sa.UniqueConstraint("session_id", "level_id", name=op.f("uq_contributions_session_id")),
+        sa.UniqueConstraint("session_id", "level_id", name=op.f("uq_contributions_session_id_level_id")),
     )
-    op.create_index(op.f("ix_contributions_level_id"), "contributions", ["level_id", "state", "id"])
-    op.create_index(op.f("ix_contributions_contributor"), "contributions", ["contributor", "id"])
+    op.create_index(op.f("ix_contributions_level_id_state_id"), "contributions", ["level_id", "state", "id"])
+    op.create_index(op.f("ix_contributions_contributor_id"), "contributions", ["contributor", "id"])
     op.create_table(
         "contribution_rows",
         sa.Column("contribution_id", sa.String(length=40), nullable=False),
@@ -69,7 +69,7 @@ def upgrade() -> None:
         sa.ForeignKeyConstraint(["map_id"], ["maps.id"], name=op.f("fk_field_changes_map_id")),
         sa.PrimaryKeyConstraint("id", name=op.f("pk_field_changes")),
     )
-    op.create_index(op.f("ix_field_changes_level_id"), "field_changes", ["level_id", "id"])
+    op.create_index(op.f("ix_field_changes_level_id_id"), "field_changes", ["level_id", "id"])
 
 
 def downgrade() -> None:
