@@ -4,6 +4,7 @@ from app.engine.mapping.builder import build_map
 from app.engine.mapping.kriging import krige, krige_grid, krige_nodes
 from app.engine.mapping.model import Covariance, FieldLevel, FieldSamples, MapModel, field_samples
 from app.engine.mapping.plan import FloorPlan, Polygon
+from app.engine.mapping.routes import RouteProfile, extend_route
 
 __all__ = [
     "Covariance",
@@ -12,7 +13,9 @@ __all__ = [
     "FloorPlan",
     "MapModel",
     "Polygon",
+    "RouteProfile",
     "build_map",
+    "extend_route",
     "field_samples",
     "krige",
     "krige_grid",
