@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from app.engine.types import Progress
     from app.evaluation.crowd import CrowdReport
     from app.evaluation.drivers import Transport
+    from app.evaluation.field import FieldReport
     from app.evaluation.fleet import FleetReport
     from app.evaluation.forecast import ForecastReport
     from app.evaluation.kaist import KaistReport
@@ -200,6 +201,28 @@ def uji(
     publish(with_progress(lambda progress: run_uji(options, progress)), json_file)
 
 
+@app.command("field")
+@reported
+def field(
+    data: Annotated[Path, typer.Option(help="Folder that holds ilc20/<site>-<floor>/ (or that folder itself).")],
+    levels: Annotated[
+        str, typer.Option(help="Names separated by commas, such as site1-F2,site1-B1.", show_default="all of them")
+    ] = "",
+    json_file: JsonFile = None,
+) -> None:
+    """Score the maps themselves: the field they predict along walks that they have not seen, and their deviation.
+
+    Maps from the train split, prediction along the test split. Each walk's own offset is removed. Beside the map stands
+    the plain mean of the survey's readings in each cell of half a metre, at the steps whose cell has any.
+
+    Example:  isodyn evaluate field --data DIR --levels site1-F2 --json field.json
+    """
+    from app.evaluation.field import FieldOptions, run_field
+
+    options = FieldOptions(data=data, levels=tuple(name.strip() for name in levels.split(",") if name.strip()))
+    publish(with_progress(lambda progress: run_field(options, progress)), json_file)
+
+
 @app.command("crowd")
 @reported
 def crowd(
@@ -341,7 +364,9 @@ def with_progress(work: Callable[[Progress], R]) -> R:
         return work(lambda fraction, text: bars.update(bar, completed=fraction, text=text))
 
 
-AnyReport: TypeAlias = "Report | CrowdReport | FleetReport | ForecastReport | KaistReport | UjiReport | PapersReport"
+AnyReport: TypeAlias = (
+    "Report | CrowdReport | FieldReport | FleetReport | ForecastReport | KaistReport | UjiReport | PapersReport"
+)
 
 
 def publish(report: AnyReport, json_file: Path | None) -> None:

@@ -14,10 +14,10 @@ from scipy.spatial import cKDTree
 
 from app.engine.errors import InputError, MapError
 from app.engine.mapping import Covariance, FieldLevel, FieldSamples, FloorPlan, build_map, krige, krige_grid
-from app.engine.mapping.offsets import estimate_offsets
+from app.engine.mapping.offsets import estimate_offsets, offsets_on_map, rotate_horizontal
 from app.engine.mapping.plan import Polygon, fill, obstacle_depth
-from app.engine.mapping.samples import place_samples
-from app.engine.mapping.variogram import field_level, fit_covariance, repeatability
+from app.engine.mapping.samples import PlacedSamples, place_samples
+from app.engine.mapping.variogram import field_level, fit_claims, fit_covariance
 from app.engine.types import FeatureSet, MapBuild, MapBuildSettings, SurveyWalk, Waypoints
 from app.evaluation.datasets.ilc20 import open_ilc20
 from tests.support.walks import Field, survey_of, walk_through
@@ -52,21 +52,49 @@ def test_the_claimed_deviation_is_true_on_recorded_walks() -> None:
     for walk in level.walks("train"):
         with contextlib.suppress(InputError):
             placed.append(place_samples(walk.survey_walk()))
-    offsets = estimate_offsets(placed)
-    values = np.concatenate([offsets.field(i, walk) for i, walk in enumerate(placed)])
-    owner = np.concatenate([np.full(len(walk), i) for i, walk in enumerate(placed)])
-    samples = FieldSamples(np.concatenate([walk.xy for walk in placed]), owner, values)
-    covariance = fit_covariance(samples)
-    spread = field_level(samples, covariance)
     ratios, distances = [], []
-    for fold in range(6):
-        known, asked = samples.subset(owner % 6 != fold), samples.subset(owner % 6 == fold)
-        mean, sd = krige(known, spread, covariance, asked.xy)
-        ratios.append((asked.values - mean) ** 2 / (sd**2 + repeatability(samples, covariance) ** 2))
-        distances.append(cKDTree(known.xy).query(asked.xy)[0])
+    for fold in range(3):
+        known = [walk for i, walk in enumerate(placed) if i % 3 != fold]
+        samples = _samples(known)
+        covariance = fit_covariance(samples, known)
+        claims = fit_claims(samples, covariance, known)
+        level = field_level(samples, covariance)
+        level = replace(level, sd=claims.scale * level.sd)
+        tree = cKDTree(samples.xy)
+        for walk in placed[fold::3]:
+            mean, sd = krige(samples, level, covariance, walk.xy)
+            variance = sd**2 + claims.noise_sd**2
+            hard_iron, carry = offsets_on_map(walk, mean, variance)
+            field = rotate_horizontal(walk.mag - hard_iron, walk.heading + carry)
+            ratios.append((field - mean) ** 2 / variance)
+            distances.append(tree.query(walk.xy)[0])
     ratio, distance = np.concatenate(ratios), np.concatenate(distances)
     assert 0.8 < ratio[distance < 1.0].mean() < 1.25
     assert 0.7 < ratio[(distance >= 1.0) & (distance < 4.0)].mean() < 1.4
+
+
+def _samples(placed: list[PlacedSamples]) -> FieldSamples:
+    """Samples of walks, their offsets taken off."""
+    offsets = estimate_offsets(placed)
+    return FieldSamples(
+        np.concatenate([walk.xy for walk in placed]),
+        np.concatenate([np.full(len(walk), i) for i, walk in enumerate(placed)]),
+        np.concatenate([offsets.field(i, walk) for i, walk in enumerate(placed)]),
+    )
+
+
+def test_offsets_are_found_on_a_map() -> None:
+    """A walk through a known field gets back the hard iron and the carrying angle that were put on it."""
+    rng = np.random.default_rng(4)
+    t = np.arange(120.0)
+    heading = np.repeat([0.3, 1.9, -2.0], 40)
+    xy = np.cumsum(0.3 * np.stack([np.cos(heading), np.sin(heading)], axis=1), axis=0)
+    mean = Field.random(rng).at(xy)
+    hard_iron, carry = np.array([3.0, -2.0, 4.0]), 0.1
+    mag = rotate_horizontal(mean, -(heading + carry)) + hard_iron + 0.2 * rng.standard_normal((120, 3))
+    found, angle = offsets_on_map(PlacedSamples("w", t, xy, heading, mag), mean, np.ones((120, 3)))
+    np.testing.assert_allclose(found, hard_iron, atol=0.3)
+    assert angle == pytest.approx(carry, abs=0.02)
 
 
 def test_unmapped_ground_is_finite_and_uninformative(survey: tuple[SurveyWalk, ...]) -> None:
@@ -182,9 +210,9 @@ def test_walk_order_does_not_matter(survey: tuple[SurveyWalk, ...], built: MapBu
 
 def test_moving_the_survey_moves_the_map(survey: tuple[SurveyWalk, ...], built: MapBuild) -> None:
     # by whole blocks, which lie on one lattice wherever the survey is
-    moved = [replace(w, waypoints=Waypoints(w.waypoints.t, w.waypoints.x + 10.0, w.waypoints.y - 4.0)) for w in survey]
+    moved = [replace(w, waypoints=Waypoints(w.waypoints.t, w.waypoints.x + 8.0, w.waypoints.y - 4.0)) for w in survey]
     g, h = built.grid_map, build_map("sim", moved).grid_map
-    assert (h.x0, h.y0) == (g.x0 + 10.0, g.y0 - 4.0)
+    assert (h.x0, h.y0) == (g.x0 + 8.0, g.y0 - 4.0)
     np.testing.assert_allclose(h.mean, g.mean, atol=1e-3)
 
 

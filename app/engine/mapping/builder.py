@@ -11,12 +11,13 @@ from scipy.spatial import cKDTree
 from app.engine.errors import MapError
 from app.engine.mapping.kriging import krige_grid
 from app.engine.mapping.model import FieldLevel, FieldSamples, MapModel
-from app.engine.mapping.offsets import WalkOffsets, estimate_offsets, no_offsets
+from app.engine.mapping.offsets import WalkOffsets, no_offsets
 from app.engine.mapping.placing import SHARE, PlacedWalks, place_walks
 from app.engine.mapping.plan import FloorPlan, obstacle_depth
 from app.engine.mapping.radio import build_radio_map
+from app.engine.mapping.robust import estimate_robustly
 from app.engine.mapping.samples import PlacedSamples
-from app.engine.mapping.variogram import field_level, fit_covariance, repeatability
+from app.engine.mapping.variogram import field_level, fit_claims, fit_covariance
 from app.engine.types import (
     Evidence,
     EvidenceSource,
@@ -51,7 +52,8 @@ def build_map(
 
     Walks are placed between their waypoints by steps; unless ``settings.align`` is off, they are moved to where they
     agree with one another (labels are good to half a metre or a metre), and hard iron and carrying angle of each are
-    estimated jointly with the field. The field is kriged in blocks with a covariance fitted to this level.
+    estimated jointly with the field; what contradicts the other walks gets little weight. The field is kriged in blocks
+    with a covariance fitted to this level.
 
     Parameters
     ----------
@@ -79,12 +81,16 @@ def build_map(
         reasons = "; ".join(f"{r.walk_id}: {r.rejected}" for r in reports[:3])
         raise MapError(f"no walk could be placed ({reasons or 'none given'})")
     say(SHARE, "offsets of walks")
-    offsets = estimate_offsets(placed) if settings.align else no_offsets(len(placed))
-    samples = _field_samples(placed, offsets, settings.features)
+    offsets, weight = estimate_robustly(placed) if settings.align else (no_offsets(len(placed)), None)
+    samples = replace(_field_samples(placed, offsets, settings.features), weight=weight)
     by_labels = replace(samples, xy=np.concatenate([walk.xy for walk in labelled]))
     say(0.35, "fitting covariance")
-    covariance = fit_covariance(samples)
+    own = placed if settings.align and settings.features is FeatureSet.VECTOR else None
+    covariance = fit_covariance(samples, own)
+    say(0.4, "what left-out walks differ by")
+    claims = fit_claims(samples, covariance, own, labelled=by_labels)
     level = field_level(samples, covariance)
+    level = replace(level, sd=level.sd * claims.scale)
     x, y = _axes(samples.xy, settings, plan)
     mean, sd = krige_grid(samples, level, covariance, x, y, progress=lambda f, what: say(0.45 + 0.5 * f, what))
     grid = GridMap(
@@ -97,7 +103,7 @@ def build_map(
         sd=sd.astype(np.float32),
         support=_support(samples.xy, x, y),
         mapped_m=settings.mapped_m,
-        noise_sd=tuple(float(s) for s in repeatability(samples, covariance, labelled=by_labels)),
+        noise_sd=tuple(float(s) for s in claims.noise_sd),
         obstacle=None if plan is None else obstacle_depth(plan, samples.xy, x, y).astype(np.float32),
         radio=build_radio_map(walks, placed),
         routes=_routes(placed),
@@ -130,7 +136,7 @@ def _evidence(samples: FieldSamples, placed: Sequence[PlacedSamples], features: 
         xy=samples.xy.astype(np.float32),
         values=samples.values.astype(np.float32),
         spread=np.zeros(n, np.float32),
-        weight=np.ones(n, np.float32),
+        weight=np.ones(n, np.float32) if samples.weight is None else samples.weight.astype(np.float32),
     )
 
 

@@ -150,7 +150,8 @@ def _blocks(
     """Order of nodes by block, and the blocks."""
     step_x, step_y = _spacing(x), _spacing(y)
     length = covariance.fine_length_m if covariance.fine > 0 else covariance.length_m
-    side = int(np.clip(_BLOCK_LENGTHS * length / max(step_x, step_y), 1, LARGEST_BLOCK))
+    nodes = np.clip(_BLOCK_LENGTHS * length / max(step_x, step_y), 1, LARGEST_BLOCK)
+    side = 2 ** int(np.log2(nodes))
     # counted from the origin: all grids of a level share their lattice
     first_row, first_column = round(float(y[0]) / step_y), round(float(x[0]) / step_x)
     r, c = (row + first_row) // side, (column + first_column) // side

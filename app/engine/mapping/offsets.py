@@ -23,6 +23,8 @@ _NOISE_SD = 3.5
 _HARD_IRON_SD = 4.0
 _CARRY_SD = np.radians(8.0)
 _ITERATIONS = 3
+SAMPLES_A_WITNESS = 4.0
+"""Samples of a walk, two a step, that together say as much as one: they err together along a metre or two."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,34 +50,83 @@ def rotate_horizontal(v_l: Float64Array, heading: Float64Array) -> Float64Array:
     return np.stack([c * v_l[:, 0] - s * v_l[:, 1], s * v_l[:, 0] + c * v_l[:, 1], v_l[:, 2]], axis=1)
 
 
-def estimate_offsets(walks: Sequence[PlacedSamples]) -> WalkOffsets:
-    """Gauss-Newton over hard iron and carrying angle of all walks (linear but for the angle)."""
+def estimate_offsets(walks: Sequence[PlacedSamples], weight: Float64Array | None = None) -> WalkOffsets:
+    """Gauss-Newton over hard iron and carrying angle of all walks (linear but for the angle).
+
+    Parameters
+    ----------
+    walks : sequence of PlacedSamples
+    weight : array, shape (n,), or None
+        Of the samples of all walks, one walk after the other; None: one each.
+    """
     owner = np.concatenate([np.full(len(w), i) for i, w in enumerate(walks)])
     mag = np.concatenate([w.mag for w in walks])
     heading = np.concatenate([w.heading for w in walks])
-    cells = _Cells(np.concatenate([w.xy for w in walks]))
+    cells = _Cells(np.concatenate([w.xy for w in walks]), np.ones(len(owner)) if weight is None else weight)
     horizontal, carry = _horizontal(cells, owner, mag[:, 0] + 1j * mag[:, 1], heading, len(walks))
     vertical = _vertical(cells, owner, mag[:, 2], len(walks))
     return WalkOffsets(np.stack([horizontal.real, horizontal.imag, vertical], axis=1), carry)
 
 
+def offsets_on_map(walk: PlacedSamples, mean: Float64Array, variance: Float64Array) -> tuple[Float64Array, float]:
+    """Hard iron and carrying angle of one walk that bring its field nearest to a given map.
+
+    Least squares by Gauss-Newton, with the same expectations of both as :func:`estimate_offsets`.
+
+    Parameters
+    ----------
+    walk : PlacedSamples
+    mean, variance : arrays, shape (n, 3), uT, uT^2
+        Of the map at the walk's samples; the variance with the reading's own.
+
+    Returns
+    -------
+    hard_iron : array, shape (3,), uT
+    carry : float, rad
+    """
+    x = np.zeros(4)
+    prior = np.array([_HARD_IRON_SD, _HARD_IRON_SD, _HARD_IRON_SD, _CARRY_SD]) ** -2.0
+    precision = 1.0 / (variance * SAMPLES_A_WITNESS)
+    for _ in range(_ITERATIONS):
+        heading = walk.heading + x[3]
+        field = rotate_horizontal(walk.mag - x[:3], heading)
+        c, s, zero = np.cos(heading), np.sin(heading), np.zeros(len(heading))
+        slope = np.stack(
+            [
+                np.stack([-c, s, zero, -field[:, 1]], axis=1),
+                np.stack([-s, -c, zero, field[:, 0]], axis=1),
+                np.stack([zero, zero, zero - 1.0, zero], axis=1),
+            ],
+            axis=1,
+        )
+        normal = np.einsum("nci,nc,ncj->ij", slope, precision, slope) + np.diag(prior)
+        x = x - np.linalg.solve(normal, np.einsum("nci,nc,nc->i", slope, precision, field - mean) + prior * x)
+    return x[:3], float(x[3])
+
+
+def cells_of(xy: Float64Array) -> IntArray:
+    """Number of the one-metre cell of each place, shape (n,), counted from 0 over the cells that occur."""
+    _, cell = np.unique(np.floor(xy / CELL_M).astype(np.int64), axis=0, return_inverse=True)
+    return cell.reshape(-1)
+
+
 class _Cells:
     """Normal equations with the cells' random effects eliminated (Woodbury per cell)."""
 
-    def __init__(self, xy: Float64Array) -> None:
-        keys = np.floor(xy / CELL_M).astype(np.int64)
-        _, cell = np.unique(keys, axis=0, return_inverse=True)
-        counts = np.bincount(cell)
+    def __init__(self, xy: Float64Array, weight: Float64Array) -> None:
+        cell = cells_of(xy)
+        counts = np.bincount(cell, weight)
         n = xy.shape[0]
-        self.sum = csr_array((np.ones(n), (cell, np.arange(n))), shape=(counts.shape[0], n))
+        self.weight = weight
+        self.sum = csr_array((weight, (cell, np.arange(n))), shape=(counts.shape[0], n))
         self.shrink = _FIELD_SD**2 / (_NOISE_SD**2 + counts * _FIELD_SD**2)
 
     def normal_equations(self, design: csr_array, data: Float64Array) -> tuple[Float64Array, Float64Array]:
         """``A^T P A`` and ``A^T P d`` where P is the data's precision with cell effects integrated out."""
         design_sums = (self.sum @ design).toarray()
         weighted = self.shrink[:, None] * design_sums
-        normal = (design.T @ design).toarray() - design_sums.T @ weighted
-        right = design.T @ data - weighted.T @ (self.sum @ data)
+        normal = (design.T @ design.multiply(self.weight[:, None])).toarray() - design_sums.T @ weighted
+        right = design.T @ (self.weight * data) - weighted.T @ (self.sum @ data)
         return normal / _NOISE_SD**2, right / _NOISE_SD**2
 
 
@@ -93,7 +144,7 @@ def _horizontal(
     for _ in range(_ITERATIONS):
         turn = np.exp(1j * (heading + carry[owner]))
         # turning a walk by d changes its field by i d M: the mean field M stands in for each sample's own
-        mean = np.mean((mag - iron[owner]) * turn)
+        mean = np.average((mag - iron[owner]) * turn, weights=cells.weight)
         values = np.concatenate([turn, 1j * turn, np.full(n, -1j * mean), np.ones(n), np.full(n, 1j)])
         normal = np.zeros((3 * n_walks + 2, 3 * n_walks + 2))
         right = np.zeros(3 * n_walks + 2)

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from app.engine.errors import InputError
 from app.engine.inertial import find_steps, level_samples, window_means
 from app.engine.inertial.legs import heading_offset, positions_by_steps, stride_scale
-from app.engine.types import Float64Array, SurveyWalk
+from app.engine.types import BoolArray, Float64Array, IntArray, SurveyWalk
 
 WINDOW_S = 0.16
 """Field samples are means over this time on either side of a half step."""
@@ -44,6 +44,10 @@ class PlacedSamples:
 
     def __len__(self) -> int:
         return int(self.t.shape[0])
+
+    def subset(self, keep: BoolArray | IntArray) -> PlacedSamples:
+        """Rows of a mask or index array."""
+        return replace(self, t=self.t[keep], xy=self.xy[keep], heading=self.heading[keep], mag=self.mag[keep])
 
 
 def place_samples(walk: SurveyWalk) -> PlacedSamples:

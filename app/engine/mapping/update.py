@@ -184,7 +184,10 @@ def _weighed_near(joined: Evidence, weighed: Evidence, changed_xy: Float32Array,
     if not len(changed_xy) or not len(joined):
         return joined
     distance, _ = cKDTree(changed_xy).query(joined.xy, distance_upper_bound=reach_m(model))
-    weight = np.where(np.isfinite(distance), weighed.weight, joined.weight)
+    surveyed = np.array([source.kind is SourceKind.SURVEY for source in joined.sources], dtype=bool)[joined.source]
+    # the build gave rows of surveys that contradict other surveys less: so it stays, unless a change overtakes them
+    fresh = np.where(surveyed, np.minimum(joined.weight, weighed.weight), weighed.weight)
+    weight = np.where(np.isfinite(distance), fresh, joined.weight)
     return replace(joined, weight=weight.astype(np.float32))
 
 
