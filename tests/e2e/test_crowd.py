@@ -69,8 +69,9 @@ def test_a_map_lives_on_what_its_users_see(make_service: MakeService, prepared: 
     secrets = [service.post("/v1/keys", {"name": f"user {i}", "scopes": ["locate"]})["secret"] for i in range(3)]
     honest = [go(service, level_id, trip(40 + i, t0=1.77e9 + 1e3 * i), secrets[i % 2]) for i in range(4)]
     walk = trip(50, t0=1.78e9)
-    magnet = replace(walk, samples=replace(walk.samples, mag=walk.samples.mag + np.array([0.0, 0.0, 150.0])))
-    hostile = go(service, level_id, magnet, secrets[2])
+    swing = 25.0 * np.sin(2.0 * np.pi * (walk.samples.t - walk.samples.t[0]) / 8.0)  # a magnet in the other hand
+    magnet = walk.samples.mag + swing[:, None] * np.array([0.3, 0.3, 0.9])
+    hostile = go(service, level_id, replace(walk, samples=replace(walk.samples, mag=magnet)), secrets[2])
     settled(service)
 
     contributions = {one["session_id"]: one for one in service.get("/v1/contributions")["items"]}
