@@ -163,7 +163,11 @@ class Application:
         build = BuildMap(open_map, FileCheckpoints(self.settings.checkpoint_dir))
         builds = build_work(processing, self.build_pool, build, capacity=1, metrics=metrics)
         offers = contribute_work(
-            processing, self.build_pool, ContributeSession(open_map, self.settings.maps_per_worker), metrics=metrics
+            processing,
+            self.segment_pool,
+            ContributeSession(open_map, self.settings.maps_per_worker),
+            capacity=self.settings.workers,
+            metrics=metrics,
         )
         return JobRunner(
             {

@@ -47,9 +47,9 @@ def segment_work(
 
 
 def contribute_work(
-    processing: ProcessingService, executor: Executor, task: ContributeTask, *, metrics: Metrics
+    processing: ProcessingService, executor: Executor, task: ContributeTask, *, capacity: int, metrics: Metrics
 ) -> Work[ContributeSpec, ContributeResult]:
-    """What sessions offer to maps: nobody waits for it, so one at a time beside the segments."""
+    """What sessions offer to maps: a few tenths of a second each, done by the workers of segments between these."""
 
     def complete(job: Job, result: ContributeResult) -> Job | None:
         metrics.work_seconds.labels(job.kind).observe(result.cpu_s)
@@ -58,7 +58,7 @@ def contribute_work(
     return Work(
         kind=JobKind.CONTRIBUTE,
         executor=executor,
-        capacity=1,
+        capacity=capacity,
         task=task,
         prepare=processing.contribute_spec,
         complete=complete,
