@@ -25,7 +25,7 @@ from app.engine.localization import DEFAULT_METHOD, create_tracker, warm_up
 from app.engine.mapping import FloorPlan, build_map, krige_grid
 from app.engine.mapping.crowd import ContributionPolicy, TrustPolicy, Weighed, contribute, weigh
 from app.engine.mapping.crowd.lookup import read_field
-from app.engine.mapping.crowd.offsets import OffsetPrior, fit_offset
+from app.engine.mapping.crowd.offsets import expected_of, fit_offset
 from app.engine.mapping.model import MapModel, field_samples
 from app.engine.mapping.samples import place_samples
 from app.engine.types import (
@@ -310,7 +310,7 @@ def _track(grid_map: GridMap, walks: Sequence[RecordedWalk], tracker: Tracker) -
 
 def residual_variance(grid_map: GridMap, walks: Sequence[RecordedWalk]) -> float:
     """Variance of labelled readings about the map over the claimed one (map and repeatability), on mapped ground."""
-    prior, noise = OffsetPrior.of(unknown_device()), np.array(grid_map.noise_sd)
+    prior, noise = expected_of(unknown_device()), np.array(grid_map.noise_sd)
     ratios = [np.empty((0, len(noise)))]
     for walk in walks:
         try:

@@ -21,7 +21,7 @@ from scipy.spatial import cKDTree
 
 from app.engine.errors import InputError
 from app.engine.mapping import FloorPlan, build_map
-from app.engine.mapping.offsets import offsets_on_map, rotate_horizontal
+from app.engine.mapping.offsets import offsets_on_map
 from app.engine.mapping.samples import PlacedSamples, place_samples
 from app.engine.types import Float64Array, GridMap, IntArray, MapBuild, Progress
 from app.evaluation.datasets.ilc20 import Ilc20Level, open_ilc20
@@ -194,8 +194,8 @@ def score_walks(
         if not len(seen):
             continue
         part = walk.subset(seen)
-        hard_iron, carry = offsets_on_map(part, mean[seen], variance[seen])
-        field = rotate_horizontal(part.mag - hard_iron, part.heading + carry)
+        offsets = offsets_on_map(part, mean[seen], variance[seen])
+        field = offsets.field(part)
         normalized.append((field - mean[seen]) / np.sqrt(variance[seen]))
         distance.append(away[seen])
         reading, expected = magnitudes(walk.mag), cells.at(walk.xy)

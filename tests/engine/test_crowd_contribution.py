@@ -68,7 +68,7 @@ def test_rows_are_the_field_of_the_level(held: SimulatedWalk, field: Field, fiel
     assert len(result.evidence) == 2 * len(fixes) - 1  # steps and half steps
     assert error(result, field).max() < 1.2
     assert result.offsets[0].hard_iron == pytest.approx((-2.0, -3.0, 4.0), abs=1.0)
-    assert result.offsets[0].turn == pytest.approx(0.15, abs=0.06)
+    assert result.offsets[0].carry == pytest.approx(0.15, abs=0.06)
     np.testing.assert_allclose(result.evidence.spread, 0.7, atol=1e-5)
 
 

@@ -64,8 +64,7 @@ def test_the_claimed_deviation_is_true_on_recorded_walks() -> None:
         for walk in placed[fold::3]:
             mean, sd = krige(samples, level, covariance, walk.xy)
             variance = sd**2 + claims.noise_sd**2
-            hard_iron, carry = offsets_on_map(walk, mean, variance)
-            field = rotate_horizontal(walk.mag - hard_iron, walk.heading + carry)
+            field = offsets_on_map(walk, mean, variance).field(walk)
             ratios.append((field - mean) ** 2 / variance)
             distances.append(tree.query(walk.xy)[0])
     ratio, distance = np.concatenate(ratios), np.concatenate(distances)
@@ -92,9 +91,22 @@ def test_offsets_are_found_on_a_map() -> None:
     mean = Field.random(rng).at(xy)
     hard_iron, carry = np.array([3.0, -2.0, 4.0]), 0.1
     mag = rotate_horizontal(mean, -(heading + carry)) + hard_iron + 0.2 * rng.standard_normal((120, 3))
-    found, angle = offsets_on_map(PlacedSamples("w", t, xy, heading, mag), mean, np.ones((120, 3)))
-    np.testing.assert_allclose(found, hard_iron, atol=0.3)
-    assert angle == pytest.approx(carry, abs=0.02)
+    walk = PlacedSamples("w", t, xy, heading, mag)
+    found = offsets_on_map(walk, mean, np.ones((120, 3)))
+    np.testing.assert_allclose(found.hard_iron, hard_iron, atol=0.3)
+    assert found.carry == pytest.approx(carry, abs=0.02)
+    np.testing.assert_allclose(found.field(walk), mean, atol=1.0)
+    # a magnet beside a third of the way moves least squares, but not what Student's t makes of it
+    mag[:40] += [15.0, 0.0, 20.0]
+    beside = PlacedSamples("w", t, xy, heading, mag)
+    robust = offsets_on_map(beside, mean, np.ones((120, 3)), degrees_of_freedom=4.0)
+    np.testing.assert_allclose(robust.hard_iron, hard_iron, atol=0.8)
+    plain = offsets_on_map(beside, mean, np.ones((120, 3)))
+    assert np.abs(plain.hard_iron - hard_iron).max() > 3.0
+    # nothing is learned where there is no map
+    nowhere = offsets_on_map(walk, mean, np.full((120, 3), np.inf))
+    np.testing.assert_array_equal(nowhere.hard_iron, 0.0)
+    np.testing.assert_allclose(nowhere.hard_iron_sd, 4.0)
 
 
 def test_unmapped_ground_is_finite_and_uninformative(survey: tuple[SurveyWalk, ...]) -> None:

@@ -21,8 +21,9 @@ CELL_M = 1.0
 _FIELD_SD = 5.0
 _NOISE_SD = 3.5
 _HARD_IRON_SD = 4.0
-_CARRY_SD = np.radians(8.0)
+_CARRY_SD = float(np.radians(8.0))
 _ITERATIONS = 3
+_ROBUST_ITERATIONS = 6
 SAMPLES_A_WITNESS = 4.0
 """Samples of a walk, two a step, that together say as much as one: they err together along a metre or two."""
 
@@ -68,40 +69,90 @@ def estimate_offsets(walks: Sequence[PlacedSamples], weight: Float64Array | None
     return WalkOffsets(np.stack([horizontal.real, horizontal.imag, vertical], axis=1), carry)
 
 
-def offsets_on_map(walk: PlacedSamples, mean: Float64Array, variance: Float64Array) -> tuple[Float64Array, float]:
-    """Hard iron and carrying angle of one walk that bring its field nearest to a given map.
+@dataclass(frozen=True, slots=True)
+class ExpectedOffsets:
+    """What is known of a walk's offsets before it is compared with a map; nothing in particular by default.
 
-    Least squares by Gauss-Newton, with the same expectations of both as :func:`estimate_offsets`.
+    Attributes
+    ----------
+    hard_iron, hard_iron_sd : tuple of three floats, uT
+        Forward, left, up.
+    carry_sd : float, rad
+        How far the direction of motion is trusted to be the device's.
+    """
+
+    hard_iron: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    hard_iron_sd: tuple[float, float, float] = (_HARD_IRON_SD, _HARD_IRON_SD, _HARD_IRON_SD)
+    carry_sd: float = _CARRY_SD
+
+
+@dataclass(frozen=True, slots=True)
+class OffsetsOnMap:
+    """``hard_iron``, ``hard_iron_sd`` (3,) uT forward, left, up; ``carry``, ``carry_sd`` rad, device minus motion."""
+
+    hard_iron: Float64Array
+    hard_iron_sd: Float64Array
+    carry: float
+    carry_sd: float
+
+    def field(self, walk: PlacedSamples) -> Float64Array:
+        """Corrected field of a walk in the level frame, shape (n, 3), uT."""
+        return rotate_horizontal(walk.mag - self.hard_iron, walk.heading + self.carry)
+
+
+def offsets_on_map(
+    walk: PlacedSamples,
+    mean: Float64Array,
+    variance: Float64Array,
+    expected: ExpectedOffsets | None = None,
+    *,
+    degrees_of_freedom: float = np.inf,
+    witness: float = SAMPLES_A_WITNESS,
+) -> OffsetsOnMap:
+    """Hard iron and carrying angle of one walk that bring its field nearest to a given map (Gauss-Newton).
 
     Parameters
     ----------
     walk : PlacedSamples
     mean, variance : arrays, shape (n, 3), uT, uT^2
-        Of the map at the walk's samples; the variance with the reading's own.
-
-    Returns
-    -------
-    hard_iron : array, shape (3,), uT
-    carry : float, rad
+        Of the map at the walk's samples; the variance with the reading's own, infinite where there is no map.
+    expected : ExpectedOffsets or None
+        None: as :func:`estimate_offsets` expects them.
+    degrees_of_freedom : float
+        Of the Student t that samples are compared by (all components of a sample together); infinite: least squares.
+    witness : float
+        Samples that together say as much as one.
     """
-    x = np.zeros(4)
-    prior = np.array([_HARD_IRON_SD, _HARD_IRON_SD, _HARD_IRON_SD, _CARRY_SD]) ** -2.0
-    precision = 1.0 / (variance * SAMPLES_A_WITNESS)
-    for _ in range(_ITERATIONS):
-        heading = walk.heading + x[3]
-        field = rotate_horizontal(walk.mag - x[:3], heading)
-        c, s, zero = np.cos(heading), np.sin(heading), np.zeros(len(heading))
-        slope = np.stack(
-            [
-                np.stack([-c, s, zero, -field[:, 1]], axis=1),
-                np.stack([-s, -c, zero, field[:, 0]], axis=1),
-                np.stack([zero, zero, zero - 1.0, zero], axis=1),
-            ],
-            axis=1,
-        )
-        normal = np.einsum("nci,nc,ncj->ij", slope, precision, slope) + np.diag(prior)
-        x = x - np.linalg.solve(normal, np.einsum("nci,nc,nc->i", slope, precision, field - mean) + prior * x)
-    return x[:3], float(x[3])
+    expected = expected or ExpectedOffsets()
+    first = np.array([*expected.hard_iron, 0.0])
+    information = np.array([*expected.hard_iron_sd, expected.carry_sd]) ** -2.0
+    x, normal = first, np.diag(information)
+    robust = np.isfinite(degrees_of_freedom)
+    for _ in range(_ROBUST_ITERATIONS if robust else _ITERATIONS):
+        field = rotate_horizontal(walk.mag - x[:3], walk.heading + x[3])
+        residual, slope = mean - field, _slope(walk.heading + x[3], field)
+        precision = 1.0 / (variance * witness)
+        if robust:
+            square = (residual**2 / variance).sum(axis=1)
+            precision = precision * ((degrees_of_freedom + 3.0) / (degrees_of_freedom + square))[:, None]
+        normal = np.einsum("nci,nc,ncj->ij", slope, precision, slope) + np.diag(information)
+        right = np.einsum("nci,nc,nc->i", slope, precision, residual) + information * (first - x)
+        x = x + np.linalg.solve(normal, right)
+    sd = np.sqrt(np.diag(np.linalg.inv(normal)))
+    return OffsetsOnMap(x[:3], sd[:3], float(x[3]), float(sd[3]))
+
+
+def _slope(heading: Float64Array, field: Float64Array) -> Float64Array:
+    """Derivatives of the field (x, y, z) by hard iron (forward, left, up) and carrying angle, shape (n, 3, 4)."""
+    c, s, zero = np.cos(heading), np.sin(heading), np.zeros(len(heading))
+    return np.stack(
+        [
+            np.stack([-c, s, zero, -field[:, 1]], axis=1),
+            np.stack([-s, -c, zero, field[:, 0]], axis=1),
+            np.stack([zero, zero, zero - 1.0, zero], axis=1),
+        ],
+        axis=1,
+    )
 
 
 def cells_of(xy: Float64Array) -> IntArray:

@@ -14,7 +14,7 @@ from scipy.spatial import cKDTree
 
 from app.engine.mapping.kriging import krige
 from app.engine.mapping.model import Covariance, FieldLevel, FieldSamples
-from app.engine.mapping.offsets import SAMPLES_A_WITNESS, estimate_offsets, offsets_on_map, rotate_horizontal
+from app.engine.mapping.offsets import SAMPLES_A_WITNESS, estimate_offsets, offsets_on_map
 from app.engine.mapping.samples import PlacedSamples
 from app.engine.types import BoolArray, Float64Array, IntArray
 
@@ -261,5 +261,5 @@ class _LeftOut:
             offset = (precision * residual).sum(axis=0) / (precision.sum(axis=0) + SAMPLES_A_WITNESS * precision.max())
             return np.asarray(residual - offset)
         part = self.walks[i].subset(rows - self.begin[i])
-        hard_iron, carry = offsets_on_map(part, mean, variance)
-        return rotate_horizontal(part.mag - hard_iron, part.heading + carry) - mean
+        offsets = offsets_on_map(part, mean, variance)
+        return offsets.field(part) - mean

@@ -21,7 +21,8 @@ from app.engine.inertial import LevelledSamples, level_samples, window_means
 from app.engine.mapping.adjustment import AdjustmentPolicy, OthersMap, displacement
 from app.engine.mapping.builder import to_features
 from app.engine.mapping.crowd.lookup import read_field
-from app.engine.mapping.crowd.offsets import OffsetPrior, SessionOffset, fit_offset
+from app.engine.mapping.crowd.offsets import expected_of, fit_offset
+from app.engine.mapping.offsets import ExpectedOffsets, OffsetsOnMap
 from app.engine.mapping.samples import WINDOW_S, PlacedSamples
 from app.engine.types import (
     DeviceCalibration,
@@ -116,7 +117,7 @@ class ContributionResult:
     ----------
     evidence : Evidence
         Rows of one source, weight 1; :func:`weigh` decides what they count for.
-    offsets : tuple of SessionOffset
+    offsets : tuple of OffsetsOnMap
         Of each stretch: hard iron and turn against the map.
     steps : int
         Of the session.
@@ -127,7 +128,7 @@ class ContributionResult:
     """
 
     evidence: Evidence
-    offsets: tuple[SessionOffset, ...]
+    offsets: tuple[OffsetsOnMap, ...]
     steps: int
     kept: int
     omitted: tuple[tuple[Omission, int], ...]
@@ -189,7 +190,7 @@ def contribute(
     parts, offsets = [Evidence.empty(grid_map.features)], []
     if stretches:
         levelled = _levelled(segments, calibration)
-        prior = OffsetPrior.of(calibration or unknown_device())
+        prior = expected_of(calibration or unknown_device())
         for rows in stretches:
             part = _stretch(source, [ordered[i] for i in rows], levelled, grid_map, prior, policy)
             if part is None:
@@ -254,9 +255,9 @@ def _stretch(
     fixes: Sequence[Fix],
     levelled: LevelledSamples,
     grid_map: GridMap,
-    prior: OffsetPrior,
+    prior: ExpectedOffsets,
     policy: ContributionPolicy,
-) -> tuple[Evidence, SessionOffset] | None:
+) -> tuple[Evidence, OffsetsOnMap] | None:
     """Evidence of one stretch and its offset; None where the map does not tell the offset."""
     placed, spread = _place(source.id, fixes, levelled)
     on_map = read_field(grid_map, placed.xy).mapped
