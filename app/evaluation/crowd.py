@@ -102,8 +102,9 @@ class CrowdLevel:
     ----------
     third, crowd, full : Summary
         Tracking errors on the map of a third of the walks, of these and the sessions of the others, of all walks.
-    residual_variance : float
+    residual_variance : float or None
         Of the scored walks' readings about the crowd's map over what it claims, their offsets taken off: 1 if true.
+        None where no scored walk touches mapped ground.
     mapped_m2 : tuple of three floats
         Mapped ground of the three maps.
     sessions, contributed : int
@@ -115,7 +116,7 @@ class CrowdLevel:
     third: Summary
     crowd: Summary
     full: Summary
-    residual_variance: float
+    residual_variance: float | None
     mapped_m2: tuple[float, float, float]
     sessions: int
     contributed: int
@@ -126,7 +127,7 @@ class CrowdLevel:
         summaries = {name: getattr(self, name).as_dict() for name in ("third", "crowd", "full")}
         return {
             **summaries,
-            "residual_variance": round(self.residual_variance, 4),
+            "residual_variance": None if self.residual_variance is None else round(self.residual_variance, 4),
             "mapped_m2": dict(zip(("third", "crowd", "full"), self.mapped_m2, strict=True)),
             "sessions": self.sessions,
             "contributed": self.contributed,
@@ -150,7 +151,7 @@ class CrowdReport:
         for name, level in self.levels.items():
             for i, which in enumerate(("third", "crowd", "full")):
                 s: Summary = getattr(level, which)
-                variance = f"{level.residual_variance:.2f}" if which == "crowd" else ""
+                variance = length_cell(level.residual_variance) if which == "crowd" else ""
                 cells = (length_cell(s.p50), length_cell(s.p90), f"{level.mapped_m2[i]:.0f}", variance)
                 rows.append((name, which, str(s.n_walks), *cells))
         return "\n".join(layout(rows, left=2))
@@ -308,7 +309,7 @@ def _track(grid_map: GridMap, walks: Sequence[RecordedWalk], tracker: Tracker) -
     return scores
 
 
-def residual_variance(grid_map: GridMap, walks: Sequence[RecordedWalk]) -> float:
+def residual_variance(grid_map: GridMap, walks: Sequence[RecordedWalk]) -> float | None:
     """Variance of labelled readings about the map over the claimed one (map and repeatability), on mapped ground."""
     prior, noise = expected_of(unknown_device()), np.array(grid_map.noise_sd)
     ratios = [np.empty((0, len(noise)))]
@@ -322,7 +323,7 @@ def residual_variance(grid_map: GridMap, walks: Sequence[RecordedWalk]) -> float
         residual = (offset.field(placed) - there.mean)[there.mapped]
         ratios.append(residual**2 / (there.sd[there.mapped] ** 2 + noise**2))
     ratio = np.concatenate(ratios)
-    return float(ratio.mean()) if len(ratio) else float("nan")
+    return float(ratio.mean()) if len(ratio) else None
 
 
 def _part_of(say: Progress, i: int, n: int) -> Progress:
