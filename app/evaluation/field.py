@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from scipy.ndimage import map_coordinates
@@ -171,9 +171,9 @@ def score_level(level: Ilc20Level) -> FieldScores:
     return score_walks(level.name, build, _placed(level, "train"), _placed(level, "test"))
 
 
-def _placed(level: Ilc20Level, split: str) -> list[PlacedSamples]:
+def _placed(level: Ilc20Level, split: Literal["train", "test"]) -> list[PlacedSamples]:
     walks = []
-    for walk in level.walks("train" if split == "train" else "test"):
+    for walk in level.walks(split):
         with contextlib.suppress(InputError):  # too few steps or labels: neither survey nor truth
             walks.append(place_samples(walk.survey_walk()))
     return walks

@@ -17,7 +17,7 @@ from app.engine.mapping.plan import FloorPlan, obstacle_depth
 from app.engine.mapping.radio import build_radio_map
 from app.engine.mapping.robust import estimate_robustly
 from app.engine.mapping.samples import PlacedSamples
-from app.engine.mapping.variogram import field_level, fit_claims, fit_covariance
+from app.engine.mapping.variogram import field_level, fit_claims, fit_covariance, repeatability
 from app.engine.types import (
     Evidence,
     EvidenceSource,
@@ -89,6 +89,7 @@ def build_map(
     covariance = fit_covariance(samples, own)
     say(0.4, "what left-out walks differ by")
     claims = fit_claims(samples, covariance, own, labelled=by_labels)
+    noise_sd = np.maximum(claims.noise_sd, repeatability(samples, covariance, labelled=by_labels))
     level = field_level(samples, covariance)
     level = replace(level, sd=level.sd * claims.scale)
     x, y = _axes(samples.xy, settings, plan)
@@ -103,7 +104,7 @@ def build_map(
         sd=sd.astype(np.float32),
         support=_support(samples.xy, x, y),
         mapped_m=settings.mapped_m,
-        noise_sd=tuple(float(s) for s in claims.noise_sd),
+        noise_sd=tuple(float(s) for s in noise_sd),
         obstacle=None if plan is None else obstacle_depth(plan, samples.xy, x, y).astype(np.float32),
         radio=build_radio_map(walks, placed),
         routes=_routes(placed),

@@ -30,6 +30,7 @@ WITHIN_M = 4.0
 GROSS_WEIGHT = 0.15
 """A walk with a mean weight below this is wrong as a whole."""
 _FOLDS = 4
+_NEAR_M = 1.0
 _MAX_POINTS = 1600
 _MIN_WALKS = 4
 _NEIGHBOURS = 48
@@ -131,6 +132,42 @@ def fit_claims(
         return claims
     scale, noise = _likeliest(residual, sd)
     return Claims(scale, np.maximum(noise, 0.3 * modelled))
+
+
+def repeatability(
+    samples: FieldSamples, covariance: Covariance, *, labelled: FieldSamples | None = None, seed: int = 0
+) -> Float64Array:
+    """What a reading of a session differs from the map by beyond the map's own deviation, shape (channels,), uT.
+
+    More than :func:`fit_claims` says: a session knows its offsets only as well as the walks of a survey know theirs
+    together, not as the whole of a walk would tell them. Measured on left-out walks near others; without any, what the
+    covariance calls error.
+
+    Parameters
+    ----------
+    samples, covariance, labelled, seed
+        As in :func:`fit_claims`.
+    """
+    level = field_level(samples, covariance)
+    modelled: Float64Array = level.sd * np.sqrt(covariance.noise)
+    if len(np.unique(samples.walk)) < _MIN_WALKS:
+        return modelled
+    places, rng = (labelled or samples).xy, np.random.default_rng(seed)
+    fold = rng.integers(_FOLDS, size=int(samples.walk.max()) + 1)[samples.walk]
+    excess = [np.empty((0, samples.values.shape[1]))]
+    for f in range(_FOLDS):
+        known, rows = samples.subset(fold != f), np.flatnonzero((fold == f) & ~_gross(samples))
+        if not len(known) or not len(rows):
+            continue
+        near = rows[cKDTree(known.xy).query(places[rows])[0] <= _NEAR_M]
+        near = near[:: max(1, len(near) * _FOLDS // _MAX_POINTS)]
+        if len(near):
+            mean, sd = krige(known, level, covariance, places[near], neighbours=_NEIGHBOURS)
+            excess.append((samples.values[near] - mean) ** 2 - sd**2)
+    told = np.concatenate(excess)
+    if len(told) < _MIN_WALKS:
+        return modelled
+    return np.asarray(np.maximum(np.sqrt(np.maximum(told.mean(axis=0), 0.0)), 0.5 * modelled))
 
 
 def _likeliest(residual: Float64Array, sd: Float64Array) -> tuple[float, Float64Array]:
