@@ -45,15 +45,25 @@ class ContributionService(Service):
 
     def reject(self, contribution_id: str) -> Contribution:
         """Take a contribution out of the map, whatever the weighing says of it; the level's map is updated."""
-        return self._review(contribution_id, ContributionState.REJECTED)
+        now = self._clock()
+        with self._uow(write=True) as uow:
+            contribution = uow.contributions.set_state(contribution_id, ContributionState.REJECTED, now)
+            job = queue_update(uow, contribution.level_id, now)
+        self._tell(job)
+        return contribution
 
     def restore(self, contribution_id: str) -> Contribution:
         """Offer a rejected contribution again; what it counts for is found by weighing. ConflictError if it was not."""
-        with self._uow() as uow:
-            state = uow.contributions.get(contribution_id).state
-        if state is not ContributionState.REJECTED:
-            raise ConflictError(f"contribution {contribution_id} is {state}, not rejected")
-        return self._review(contribution_id, ContributionState.OFFERED)
+        now = self._clock()
+        with self._uow(write=True) as uow:
+            one = uow.contributions.get(contribution_id)
+            if one.state is not ContributionState.REJECTED:
+                raise ConflictError(f"contribution {contribution_id} is {one.state}, not rejected")
+            state = ContributionState.OFFERED if one.n_rows else ContributionState.EMPTY
+            contribution = uow.contributions.set_state(contribution_id, state, now)
+            job = queue_update(uow, contribution.level_id, now)
+        self._tell(job)
+        return contribution
 
     def delete(self, contribution_id: str) -> None:
         """Forget a contribution; the level's map is updated without it."""
@@ -70,14 +80,6 @@ class ContributionService(Service):
         """Changes of the field, newest first."""
         with self._uow() as uow:
             return uow.contributions.list_changes(level_id=level_id, cursor=cursor, limit=check_limit(limit))
-
-    def _review(self, contribution_id: str, state: ContributionState) -> Contribution:
-        now = self._clock()
-        with self._uow(write=True) as uow:
-            contribution = uow.contributions.set_state(contribution_id, state, now)
-            job = queue_update(uow, contribution.level_id, now)
-        self._tell(job)
-        return contribution
 
     def _tell(self, job: Job | None) -> None:
         if job is not None:

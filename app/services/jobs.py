@@ -7,8 +7,9 @@ from collections.abc import Sequence
 from app.services.base import DEFAULT_LIMIT, Service, check_limit
 from app.services.clock import Clock
 from app.services.errors import ConflictError
+from app.services.map_changes import queue_update
 from app.services.ports import JobListener, UnitOfWork, UnitOfWorkFactory
-from app.services.records import Job, JobKind, JobState, Page
+from app.services.records import Job, JobKind, JobState, MapKind, Page
 from app.services.session_end import end_if_over
 
 CANCELLED = "cancelled on request"
@@ -47,7 +48,7 @@ class JobService(Service):
             cancelled = uow.jobs.finish(job_id, JobState.CANCELLED, now, error=CANCELLED)
             job = uow.jobs.get(job_id)
             if cancelled:
-                record_segment_failure(uow, job, CANCELLED)
+                record_failure(uow, job, CANCELLED)
         if cancelled:
             self._listener.job_finished(job)
         elif job.state is not JobState.CANCELLED:
@@ -55,9 +56,17 @@ class JobService(Service):
         return job
 
 
-def record_segment_failure(uow: UnitOfWork, job: Job, error: str) -> None:
-    """Note on the job's segment, if it has one, that it gave no fixes; the session goes on with the state it had."""
-    if job.kind is JobKind.LOCATE_SEGMENT and job.finished_at is not None:
+def record_failure(uow: UnitOfWork, job: Job, error: str) -> None:
+    """What follows of a job that came to nothing.
+
+    Its segment, if it has one, gave no fixes; the session goes on with the state it had. Contributions that waited for
+    a build, which would have been followed by an update, get one now.
+    """
+    if job.kind is JobKind.BUILD_MAP and job.finished_at is not None:
+        # not after an update: the next would come to nothing for the same reason
+        if uow.maps.get_build(job.id).mode is MapKind.BUILD:
+            queue_update(uow, str(job.subject["level_id"]), job.finished_at)
+    elif job.kind is JobKind.LOCATE_SEGMENT and job.finished_at is not None:
         session_id = str(job.subject["session_id"])
         uow.sessions.record_failure(session_id, int(job.subject["seq"]), error, job.finished_at)
         end_if_over(uow, session_id, job.finished_at)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime
 
 import numpy as np
@@ -13,7 +13,7 @@ from app.engine.mapping.kriging import LARGEST_BLOCK
 from app.engine.types import Evidence, FeatureSet, Float64Array, SurveyWalk
 from app.services.ids import new_id
 from app.services.ports import Box, UnitOfWork
-from app.services.records import Job, JobKind, JobState, MapInfo, MapKind, NewBuild
+from app.services.records import Job, JobKind, JobState, MapInfo, MapKind, NewBuild, Publication
 
 MAX_CONTRIBUTIONS = 500
 """Contributions of one update: it stays short, and the next takes the rest."""
@@ -52,16 +52,18 @@ def can_update(info: MapInfo) -> bool:
     return info.model is not None and info.features is FeatureSet.VECTOR
 
 
-def queue_update(uow: UnitOfWork, level_id: str, now: datetime) -> Job | None:
+def queue_update(uow: UnitOfWork, level_id: str, now: datetime, *, offered: bool = False) -> Job | None:
     """Queue an update of the level's current map, unless one waits already or there is nothing to update.
 
-    Nor is one queued after a roll-back: what made somebody go back would come in again.
+    ``offered``: a contribution came just now, so there is. Nor is an update queued after a roll-back: what made
+    somebody go back would come in again. Walks are taken from the surveys that the current map was ordered from.
     """
-    new = NewBuild(level_id, mode=MapKind.UPDATE)
     current = uow.levels.get(level_id).current_map_id
-    if current is None or not can_update(uow.maps.get(current)) or uow.jobs.is_queued(level_id, JobKind.BUILD_MAP):
+    if current is None or not can_update(uow.maps.get(current)) or uow.maps.awaits_build(level_id):
         return None
-    if _rolled_back(uow, level_id) or not changes_of(uow, new, current):
+    order = uow.maps.build_of(current) or NewBuild(level_id)
+    new = replace(order, mode=MapKind.UPDATE, publish=True, key_id=None)
+    if _went_back(uow, level_id) is not None or not (offered or changes_of(uow, new, current)):
         return None
     job = build_job(new, now)
     uow.jobs.add(job)
@@ -69,12 +71,18 @@ def queue_update(uow: UnitOfWork, level_id: str, now: datetime) -> Job | None:
     return job
 
 
-def _rolled_back(uow: UnitOfWork, level_id: str) -> bool:
-    """Whether somebody went back to an older version: then maps change only when somebody asks for it."""
+def is_overtaken(uow: UnitOfWork, job: Job) -> bool:
+    """Whether somebody went back to an older version since an update was queued: it would undo that."""
+    back = _went_back(uow, str(job.subject["level_id"]))
+    return back is not None and job.created_at < back.created_at
+
+
+def _went_back(uow: UnitOfWork, level_id: str) -> Publication | None:
+    """The level's last publication, if it was of an older version: then maps change only when somebody asks for it."""
     last = uow.publications.latest(level_id)
     if last is None or last.from_map_id is None:
-        return False
-    return uow.maps.get(last.map_id).version < uow.maps.get(last.from_map_id).version
+        return None
+    return last if uow.maps.get(last.map_id).version < uow.maps.get(last.from_map_id).version else None
 
 
 def build_job(new: NewBuild, now: datetime) -> Job:

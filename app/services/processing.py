@@ -8,15 +8,16 @@ from collections.abc import Mapping, Sequence
 from datetime import datetime
 
 from app.engine.mapping import FloorPlan, NewWalk
+from app.engine.mapping.crowd.weigh import Verdict
 from app.engine.types import DeviceCalibration, Evidence, Fix, SurveyWalk
 from app.services.base import Service
 from app.services.clock import Clock
 from app.services.device_memory import remember_survey
-from app.services.errors import InvalidError, NotSmoothableError
+from app.services.errors import ConflictError, InvalidError, NotSmoothableError
 from app.services.ids import new_id, seed_of
-from app.services.jobs import record_segment_failure
+from app.services.jobs import record_failure
 from app.services.level_frame import in_level_frame
-from app.services.map_changes import box_of, changes_of, queue_update
+from app.services.map_changes import box_of, changes_of, is_overtaken, queue_update
 from app.services.map_refs import MapRefs
 from app.services.ports import MapCache, UnitOfWork, UnitOfWorkFactory
 from app.services.publishing import BUILT, UPDATED, publish
@@ -52,6 +53,8 @@ from app.services.trajectories import check_smoothable
 Outcome = dict[str, str | int | float]
 MAX_ATTEMPTS = 3
 _PROGRESS_STEP = 0.01
+_ABOUT_M = 2.0
+"""Ground about a row that it is compared with."""
 
 
 class ProcessingService(Service):
@@ -99,6 +102,8 @@ class ProcessingService(Service):
         with self._uow() as uow:
             build = uow.maps.get_build(job.id)
             if build.mode is MapKind.UPDATE:
+                if is_overtaken(uow, job):
+                    raise ConflictError("an older map was published since this update was queued; ask for it again")
                 return self._update_spec(uow, build)
             walks = uow.surveys.load_walks(build.level_id, build.survey_ids)
             carriers = uow.surveys.carriers(build.level_id)
@@ -166,7 +171,7 @@ class ProcessingService(Service):
             for offer in result.offers:
                 uow.contributions.add(_contribution(session, offer, now), offer.evidence)
                 if len(offer.evidence):
-                    queue_update(uow, offer.level_id, now)
+                    queue_update(uow, offer.level_id, now, offered=True)
             return uow.jobs.get(job.id)
 
     def complete_locate(self, job: Job, result: LocateResult) -> Job | None:
@@ -214,12 +219,13 @@ class ProcessingService(Service):
             finished = uow.jobs.finish(job.id, JobState.DONE, now, result=outcome, attempts=job.attempts)
             if finished:
                 order = uow.maps.get_build(job.id)
-                remember_survey(uow, info.level_id, info.walks, now, aligned=order.settings.align)
+                aligned = order.settings.align if base is None else bool(base.model.get("align", True))
+                remember_survey(uow, info.level_id, info.walks, now, aligned=aligned)
                 uow.maps.add(info, packed, keep=None if base is None else base.box)
                 uow.maps.finish_build(job.id, info.id)
                 if order.publish:
                     publish(uow, info, now, key_id=order.key_id, note=BUILT if base is None else UPDATED)
-                uow.contributions.decide([verdict_of(verdict) for verdict in result.verdicts], now)
+                uow.contributions.decide([verdict_of(verdict) for verdict in _whole(uow, result)], now)
                 uow.contributions.add_changes(news(uow, info, result.changes, now))
                 if order.publish:  # a draft is no base for what comes after it
                     queue_update(uow, info.level_id, now)
@@ -237,7 +243,7 @@ class ProcessingService(Service):
             failed = uow.jobs.finish(job.id, JobState.FAILED, now, error=error, attempts=job.attempts)
             stored = uow.jobs.get(job.id)
             if failed:
-                record_segment_failure(uow, stored, error)
+                record_failure(uow, stored, error)
         return stored
 
     def retry(self, job: Job) -> Job:
@@ -304,7 +310,7 @@ def _map_info(
         noise_sd=grid_map.noise_sd,
         mapped_share=float(mapped.mean()),
         mapped_area_m2=float(mapped.sum()) * grid_map.cell_m**2,
-        n_walks=placed if before is None else before.n_walks + placed - len(removed),
+        n_walks=placed if before is None else before.n_walks + placed - _placed_of(uow, before.id, removed),
         n_samples=build.n_samples if before is None else before.n_samples + build.n_samples,
         length_scale_m=build.length_scale_m,
         field_sd=build.field_sd,
@@ -320,6 +326,30 @@ def _map_info(
         removed=removed,
         model=build.model,
     )
+
+
+def _placed_of(uow: UnitOfWork, map_id: str, removed: Sequence[str]) -> int:
+    """How many of the sources are walks that the map rests on; the others are contributions, or were left out."""
+    if not removed:
+        return 0
+    reports = uow.maps.reports(map_id)
+    return sum(one in reports and reports[one].rejected is None for one in removed)
+
+
+def _whole(uow: UnitOfWork, result: BuildResult) -> list[Verdict]:
+    """Verdicts on contributions all of which was weighed; what an update saw a part of keeps the verdict it has."""
+    base = result.base
+    if base is None:
+        return list(result.verdicts)
+    added = set(base.added)
+    boxes = uow.contributions.boxes([one.source_id for one in result.verdicts if one.source_id not in added])
+    x_min, y_min, x_max, y_max = base.box
+    x_min, y_min, x_max, y_max = x_min + _ABOUT_M, y_min + _ABOUT_M, x_max - _ABOUT_M, y_max - _ABOUT_M
+    inside = {
+        name for name, box in boxes.items()
+        if box[0] >= x_min and box[1] >= y_min and box[2] <= x_max and box[3] <= y_max
+    }  # fmt: skip
+    return [one for one in result.verdicts if one.source_id in added or one.source_id in inside]
 
 
 def _contribution(session: Session, offer: Offer, now: datetime) -> Contribution:

@@ -160,3 +160,42 @@ def test_what_is_given_is_not_touched(before: MapBuild, walks: list[SurveyWalk])
     np.testing.assert_array_equal(before.grid_map.mean, copy[0])
     np.testing.assert_array_equal(before.evidence.weight, copy[1])
     assert reach_m(MapModel.from_values(before.model)) > 5.0
+
+
+def as_session(evidence: Evidence, name: str) -> Evidence:
+    """The same rows from a session."""
+    source = EvidenceSource(name, SourceKind.SESSION, contributor=name, t=1.0)
+    return Evidence.of(FeatureSet.VECTOR, source, evidence.xy.astype(float), evidence.values.astype(float))
+
+
+def test_surveys_overtaken_by_a_change_count_again_when_what_told_of_it_is_gone(before: MapBuild) -> None:
+    def overtaken(evidence: Evidence) -> Evidence:
+        """Sessions tell of a change that makes all surveys history; without sessions there is none."""
+        session = np.array([s.kind is SourceKind.SESSION for s in evidence.sources])[evidence.source]
+        weight = np.where(session, 1.0, 0.0) if session.any() else np.ones(len(evidence))
+        return replace(evidence, weight=weight.astype(np.float32))
+
+    fraud = updated(before, contributed=as_session(before.evidence.subset(np.arange(30)), "ctr_1"), weigh=overtaken)
+    assert (fraud.evidence.weight == 0.0).any()
+    back = update_map(
+        fraud.grid_map, fraud.evidence, MapModel.from_values(before.model), removed=["ctr_1"], weigh=overtaken
+    )
+    assert (back.evidence.weight > 0.0).all()
+
+
+def test_rows_of_a_copied_walk_are_told_from_the_walk_that_was_copied(before: MapBuild) -> None:
+    source = before.evidence.sources[0]
+    own = before.evidence.subset(before.evidence.source == 0)
+    own = replace(own, weight=np.ones(len(own), np.float32))
+    model = MapModel.from_values(before.model)
+    base = update_map(before.grid_map, before.evidence.without([source.id]), model, contributed=as_session(own, "a"))
+    copied = update_map(base.grid_map, base.evidence, model, contributed=as_session(own, "b"))
+    assert copied.changed.any()
+    assert update_map(copied.grid_map, copied.evidence, model, removed=["b"]).changed.any()
+
+
+def test_a_map_that_loses_all_its_sources_knows_nothing(before: MapBuild) -> None:
+    update = updated(before, removed=[source.id for source in before.evidence.sources])
+    assert not len(update.evidence)
+    assert not update.grid_map.mapped.any()
+    assert np.isfinite(update.grid_map.mean).all()

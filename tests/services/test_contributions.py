@@ -41,9 +41,9 @@ def vector_build(level_id: str, seed: int = 0) -> MapBuild:
     return MapBuild(built, (), 100, 5.0, (5.0, 5.0, 6.0), Evidence.empty(FeatureSet.VECTOR), MODEL)
 
 
-def build(world: World, level_id: str) -> None:
-    """A vector map that can be updated, with all walks of the level in it."""
-    world.services.maps.request_build(NewBuild(level_id))
+def build(world: World, level_id: str, survey_ids: tuple[str, ...] = ()) -> None:
+    """A vector map that can be updated, with all walks of the level (or of these surveys) in it."""
+    world.services.maps.request_build(NewBuild(level_id, survey_ids=survey_ids))
     (job,) = world.services.processing.claim(1, JobKind.BUILD_MAP)
     walks = [new.walk.walk_id for new in world.services.processing.build_spec(job).walks]
     made = vector_build(level_id)
@@ -307,3 +307,78 @@ def test_after_a_roll_back_maps_change_only_when_asked(world: World) -> None:
     assert one.id not in spec.base.added
     offered(world, level)
     run_update(world)
+
+
+def test_an_update_queued_before_a_roll_back_is_not_made(world: World) -> None:
+    level = mapped(world)
+    one = offered(world, level)
+    run_update(world, (verdict(one.id, Action.CONFIRM),))
+    offered(world, level)
+    world.services.versions.publish(level.id, str(level.current_map_id), note="bad walk")
+    (job,) = world.services.processing.claim(1, JobKind.BUILD_MAP)
+    with pytest.raises(ConflictError, match="older map"):
+        world.services.processing.build_spec(job)
+
+
+def test_an_update_that_nobody_asked_for_keeps_to_the_surveys_of_the_map(world: World) -> None:
+    level = mapped(world)
+    other = world.services.surveys.create(level.id, "other")
+    (survey,) = (one for one in world.services.surveys.list(level.id).items if one.id != other.id)
+    world.services.surveys.add_walk(other.id, new_walk(seed=5))
+    build(world, level.id, survey_ids=(survey.id,))
+    assert world.services.processing.claim(5, JobKind.BUILD_MAP) == ()
+    offered(world, level)
+    spec, _ = run_update(world)
+    assert spec.walks == ()
+
+
+def test_contributions_that_came_while_a_draft_waited_are_taken_in(world: World) -> None:
+    level = mapped(world)
+    world.services.maps.request_build(NewBuild(level.id, publish=False))
+    offered(world, level)
+    assert len(world.services.processing.claim(1, JobKind.BUILD_MAP)) == 1
+    with world.database() as uow:
+        assert uow.maps.awaits_build(level.id)
+
+
+def test_contributions_that_waited_for_a_build_that_fails_are_taken_in(world: World) -> None:
+    level = mapped(world)
+    job = world.services.maps.request_build(NewBuild(level.id))
+    one = offered(world, level)
+    world.services.jobs.cancel(job.id)
+    spec, _ = run_update(world)
+    assert spec.base is not None
+    assert spec.base.added == (one.id,)
+
+
+def test_what_an_update_saw_a_part_of_keeps_its_verdict(world: World) -> None:
+    level = mapped(world)
+    one = offered(world, level)
+    run_update(world, (verdict(one.id, Action.CONFIRM),))
+    closed_session(world, level.id)
+    (job,) = world.services.processing.claim(1, JobKind.CONTRIBUTE)
+    spec = world.services.processing.contribute_spec(job)
+    far = rows(spec.contribution_id)
+    offer = Offer(level.id, replace(far, xy=far.xy + np.float32(500.0)), 40, 3, ())
+    world.services.processing.complete_contribute(job, ContributeResult((offer,), 0.2))
+    run_update(world, (verdict(one.id, Action.QUARANTINE, reason=Reason.CONTRADICTED),))
+    assert world.services.contributions.get(one.id).state is USED
+
+
+def test_a_contribution_that_is_taken_out_was_no_walk(world: World) -> None:
+    level = mapped(world)
+    walks = world.services.maps.current(level.id).n_walks
+    one = offered(world, level)
+    run_update(world)
+    world.services.contributions.reject(one.id)
+    _, info = run_update(world)
+    assert info.removed == (one.id,)
+    assert info.n_walks == walks
+
+
+def test_an_empty_contribution_is_empty_when_it_is_restored(world: World) -> None:
+    closed_session(world, mapped(world).id)
+    contribute(world, Evidence.empty(FeatureSet.VECTOR))
+    (one,) = world.services.contributions.list().items
+    world.services.contributions.reject(one.id)
+    assert world.services.contributions.restore(one.id).state is EMPTY

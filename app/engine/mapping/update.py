@@ -185,24 +185,31 @@ def _weighed_near(joined: Evidence, weighed: Evidence, changed_xy: Float32Array,
         return joined
     distance, _ = cKDTree(changed_xy).query(joined.xy, distance_upper_bound=reach_m(model))
     surveyed = np.array([source.kind is SourceKind.SURVEY for source in joined.sources], dtype=bool)[joined.source]
-    # the build gave rows of surveys that contradict other surveys less: so it stays, unless a change overtakes them
-    fresh = np.where(surveyed, np.minimum(joined.weight, weighed.weight), weighed.weight)
+    # The build gave rows of surveys that contradict other surveys less: so it stays, unless a change overtakes them.
+    # No build gives 0: such a row was overtaken before, and counts again once what told of the change is gone.
+    held = surveyed & (joined.weight > 0.0)
+    fresh = np.where(held, np.minimum(joined.weight, weighed.weight), weighed.weight)
     weight = np.where(np.isfinite(distance), fresh, joined.weight)
     return replace(joined, weight=weight.astype(np.float32))
 
 
 def _changed_rows(before: Evidence, after: Evidence) -> Float32Array:
     """Places of rows that came, went, or changed their weight, shape (k, 2)."""
-    old, new = _keyed(before), _keyed(after)
+    number: dict[str, int] = {}
+    old, new = _keyed(before, number), _keyed(after, number)
     _, first = np.unique(np.concatenate([old, new]), axis=0, return_index=True)
     counts = np.unique(np.concatenate([old, new]), axis=0, return_counts=True)[1]
     rows = np.concatenate([before.xy, after.xy])
     return np.asarray(rows[first[counts == 1]])
 
 
-def _keyed(evidence: Evidence) -> Float64Array:
-    """Rows in a form in which equal rows are equal: place, field, weight (a source never has two rows alike)."""
-    return np.column_stack([evidence.xy, evidence.values, evidence.weight]).astype(np.float64)
+def _keyed(evidence: Evidence, number: dict[str, int]) -> Float64Array:
+    """Rows in a form in which equal rows are equal: source (numbered here), place, field, weight.
+
+    A source never has two rows alike, but a copied walk has those of another.
+    """
+    source = np.array([number.setdefault(one.id, len(number)) for one in evidence.sources], np.int64)[evidence.source]
+    return np.column_stack([source, evidence.xy, evidence.values, evidence.weight]).astype(np.float64)
 
 
 def _grown(current: GridMap, xy: Float32Array) -> GridMap:

@@ -10,11 +10,13 @@ from typing import Any
 from sqlalchemy import Row, delete, func, insert, select, update
 
 from app.engine.types import Evidence, FeatureSet
+from app.services.ports import Box
 from app.services.records import Contribution, ContributionState, ContributionVerdict, LastingChange, Page
 from app.storage.evidence import pack_rows, unpack_evidence
 from app.storage.models import contribution_rows, contributions, field_changes
 from app.storage.repositories.base import Repository, expect_one
 
+_CHUNK = 500  # parameters of one IN list; SQLite takes at least 999
 _LIVE = (
     ContributionState.OFFERED,
     ContributionState.USED,
@@ -103,6 +105,15 @@ class SqlContributionRepository(Repository):
         self._write(delete(contribution_rows).where(contribution_rows.c.contribution_id == contribution_id))
         statement = delete(contributions).where(contributions.c.id == contribution_id)
         expect_one(self._write(statement), "contribution", contribution_id)
+
+    def boxes(self, ids: Sequence[str]) -> Mapping[str, Box]:
+        """Where the rows of these contributions lie, of those that have any."""
+        found: dict[str, Box] = {}
+        for start in range(0, len(ids), _CHUNK):
+            chunk = ids[start : start + _CHUNK]
+            rows = self._read(select(contributions.c.id, contributions.c.box).where(contributions.c.id.in_(chunk)))
+            found |= {row.id: tuple(row.box) for row in rows if row.box is not None}
+        return found
 
     def track_record(self, *, other_than: str) -> Mapping[str, tuple[int, int]]:
         """Places where contributors agreed with independent evidence and where not, on levels but this one."""

@@ -132,13 +132,6 @@ class SqlJobRepository(Repository):
         """How many jobs are in these states."""
         return int(self._read(_COUNT, {"states": states}).scalar_one())
 
-    def is_queued(self, order_key: str, kind: JobKind) -> bool:
-        """Whether a job of this key and kind waits that nobody has begun."""
-        statement = select(jobs.c.id).where(
-            jobs.c.state == JobState.QUEUED, jobs.c.kind == kind, jobs.c.order_key == order_key
-        )
-        return self._read(statement.limit(1)).first() is not None
-
     def is_pending(self, order_key: str) -> bool:
         """Whether a job of this key is queued or running."""
         return self._read(_PENDING, {"key": order_key}).first() is not None

@@ -11,10 +11,22 @@ from sqlalchemy import ColumnElement, Row, Table, func, insert, literal, not_, n
 
 from app.engine.types import Evidence, FeatureSet, GridMap, MapBuildSettings, WalkReport
 from app.services.ports import Box
-from app.services.records import MapInfo, MapKind, MapOrigin, NewBuild, PackedLayer, PackedMap, PackedTile, Page
+from app.services.records import (
+    JobKind,
+    JobState,
+    MapInfo,
+    MapKind,
+    MapOrigin,
+    NewBuild,
+    PackedLayer,
+    PackedMap,
+    PackedTile,
+    Page,
+)
 from app.storage.evidence import pack_evidence, tiles_in, unpack_evidence
 from app.storage.models import (
     evidence_tiles,
+    jobs,
     map_builds,
     map_evidence,
     map_tiles,
@@ -72,6 +84,16 @@ class SqlMapRepository(Repository):
         """Note which map came of a build."""
         self._write(update(map_builds).where(map_builds.c.job_id == job_id).values(map_id=map_id))
 
+    def awaits_build(self, level_id: str) -> bool:
+        """Whether a build or update of the level waits that nobody has begun, other than of a draft."""
+        ordered = select(jobs.c.id).join(map_builds, map_builds.c.job_id == jobs.c.id).where(
+            jobs.c.state == JobState.QUEUED,
+            jobs.c.kind == JobKind.BUILD_MAP,
+            jobs.c.order_key == level_id,
+            map_builds.c.publish,
+        )  # fmt: skip
+        return self._read(ordered.limit(1)).first() is not None
+
     def build_of(self, map_id: str) -> NewBuild | None:
         """The build that a map came of; None for those of before this was noted, and for maps that were not built."""
         row = self._read(select(map_builds).where(map_builds.c.map_id == map_id)).one_or_none()
@@ -114,33 +136,35 @@ class SqlMapRepository(Repository):
 
     def sources(self, map_id: str) -> AbstractSet[str]:
         """Ids of all walks and contributions that went into a version, or were found unfit for it."""
-        level_id = self.get(map_id).level_id
-        columns = (maps.c.id, maps.c.parent_id, maps.c.kind, maps.c.added, maps.c.removed)
-        versions = {row.id: row for row in self._read(select(*columns).where(maps.c.level_id == level_id))}
         known: set[str] = set()
         gone: set[str] = set()
-        version = versions[map_id]
-        while True:  # from the newest back, so that what was taken out and added again counts
+        for version in self._chain(map_id):  # from the newest back, so that what was taken out and added again counts
             known |= set(version.added or ()) - gone
             gone |= set(version.removed or ()) - known
-            if version.kind != MapKind.UPDATE or version.parent_id is None:
-                return known
-            version = versions[version.parent_id]
+        return known
 
     def reports(self, map_id: str) -> Mapping[str, WalkReport]:
         """Reports about the walks of a version by walk id: of its build, and of the updates since."""
-        columns = (maps.c.id, maps.c.parent_id, maps.c.kind, maps.c.walks, maps.c.removed)
-        rows = self._read(select(*columns).where(maps.c.level_id == self.get(map_id).level_id))
-        versions = {row.id: row for row in rows}
-        chain = [versions[map_id]]
-        while chain[-1].kind == MapKind.UPDATE and chain[-1].parent_id is not None:
-            chain.append(versions[chain[-1].parent_id])
         reports: dict[str, WalkReport] = {}
-        for version in reversed(chain):
+        for version in reversed(self._chain(map_id)):
             for walk_id in version.removed or ():
                 reports.pop(walk_id, None)
             reports |= {report.walk_id: report for report in map(_report, version.walks)}
         return reports
+
+    def _chain(self, map_id: str) -> Sequence[Row[Any]]:
+        """A version, those that it is an update of, and the build they began with; newest first."""
+        first = select(maps.c.id, maps.c.parent_id, maps.c.kind, literal(0).label("depth")).where(maps.c.id == map_id)
+        chain = first.cte("chain", recursive=True)
+        before = select(maps.c.id, maps.c.parent_id, maps.c.kind, (chain.c.depth + 1).label("depth"))
+        chain = chain.union_all(
+            before.join(chain, maps.c.id == chain.c.parent_id).where(chain.c.kind == MapKind.UPDATE)
+        )
+        wanted = select(maps.c.added, maps.c.removed, maps.c.walks).join(chain, chain.c.id == maps.c.id)
+        rows = self._read(wanted.order_by(chain.c.depth)).all()
+        if not rows:
+            self.get(map_id)  # NotFoundError
+        return rows
 
     def get(self, map_id: str) -> MapInfo:
         """One map version, without its tiles."""
