@@ -214,7 +214,7 @@ def _read_tiff(content: bytes) -> tuple[Float64Array, Float64Array, Float64Array
     except _DAMAGED as error:
         if isinstance(error, InputError):
             raise
-        raise InputError("file", f"is no readable TIFF ({str(error)[:80]}); send GeoTIFF of float32") from error
+        raise InputError("file", "is no readable TIFF; send GeoTIFF of float32") from error
     # float32 stays: a large raster is in memory more than once here
     values: NDArray[Any] = pixels if pixels.dtype == np.float32 else pixels.astype(np.float64)
     items = {name: unescape(text) for name, text in _OURS.findall(str(tags.get(_GDAL_METADATA, "")))}
