@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -19,6 +20,7 @@ PATTERN_WORDS: Mapping[str, tuple[str, str]] = {
 }
 """What a string lacks that does not match: regular expressions are for programs."""
 
+_MEMBER = re.compile(r"<\w+\.\w+: ('[^']*')>")
 _NO_OBJECT = frozenset({"model_type", "model_attributes_type", "dict_type"})
 
 _REMEDIES: Mapping[str, str] = {
@@ -75,6 +77,10 @@ def _field_error(error: Mapping[str, Any]) -> FieldError:
     if kind in _NO_OBJECT:
         # pydantic's words name the class, which is nobody's business
         return FieldError(field, "is not an object", "send an object")
+    if kind == "literal_error":
+        # members of an enum inside a Literal are told by their repr
+        context = {**context, "expected": _MEMBER.sub(r"\1", str(context["expected"]))}
+        message = _MEMBER.sub(r"\1", message)
     remedy = str(context.get("remedy", "")) or _remedy(kind, context)
     return FieldError(field, message[:1].lower() + message[1:], remedy)
 

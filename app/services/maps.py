@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from app.engine.types import Evidence, GridMap
+from app.engine.types import Evidence, FeatureSet, GridMap
 from app.services.base import DEFAULT_LIMIT, Service, check_limit
 from app.services.clock import Clock
 from app.services.errors import ConflictError, InvalidError, NoMapError
@@ -76,12 +76,21 @@ def _check_surveys(uow: UnitOfWork, new: NewBuild) -> None:
             )
 
 
+def _why_not(info: MapInfo) -> str:
+    """Why a version takes no updates, and what to do."""
+    if info.kind is MapKind.IMPORT:
+        return "it was imported and has no walks behind it; build a map from the surveys of the level"
+    if info.features is not FeatureSet.VECTOR:
+        return f"its features are {info.features.value!r}; build it once more, with the features 'vector'"
+    return "it was stored without what was fitted; build it once more"
+
+
 def _check_update(uow: UnitOfWork, new: NewBuild) -> None:
     current = uow.levels.get(new.level_id).current_map_id
     if current is None:
         raise NoMapError(level_id=new.level_id)
     info = uow.maps.get(current)
     if not can_update(info):
-        raise ConflictError(f"map {current} cannot be updated; build it once more, with the features 'vector'")
+        raise ConflictError(f"map {current} cannot be updated: {_why_not(info)}")
     if not changes_of(uow, new, current):
         raise ConflictError(f"map {current} is up to date: nothing was added or deleted since")

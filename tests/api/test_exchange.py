@@ -75,6 +75,24 @@ def test_equal_maps_have_equal_hashes(api: Api) -> None:
     assert first["id"] != second["id"]
 
 
+def test_an_imported_map_takes_no_updates_and_says_why(api: Api) -> None:
+    level = api.mapped_level()
+    imported(api, level.id, exported(api, str(level.current_map_id), "netcdf"), "netcdf")
+    response = api.post("/v1/maps", json={"level_id": level.id, "mode": "update"})
+    assert response.status_code == 409
+    assert "it was imported" in response.json()["detail"]
+
+
+def test_a_damaged_image_is_refused_without_a_word_of_the_library(api: Api) -> None:
+    level = api.mapped_level()
+    response = api.post(
+        f"/v1/levels/{level.id}/maps/import", content=b"junk", params={"format": "geotiff"}, headers=BYTES
+    )
+    assert response.status_code == 422
+    assert "is no readable TIFF" in response.text
+    assert "0x" not in response.text
+
+
 def test_a_draft_is_stored_but_not_used(api: Api) -> None:
     level = api.mapped_level()
     content = exported(api, str(level.current_map_id), "netcdf")

@@ -69,6 +69,13 @@ def test_align_is_a_boolean(api: Api) -> None:
     assert (refused.status_code, refused.json()["errors"][0]["field"]) == (422, "align")
 
 
+def test_an_unknown_mode_is_told_in_plain_words(api: Api) -> None:
+    response = api.post("/v1/maps", json={"level_id": "lvl_1", "mode": "bogus"})
+    (error,) = response.json()["errors"]
+    assert (response.status_code, error["field"], error["remedy"]) == (422, "mode", "send 'build' or 'update'")
+    assert error["message"] == "input should be 'build' or 'update'"
+
+
 def test_surveys_can_be_chosen(api: Api) -> None:
     level, other = api.surveyed_level(), api.surveyed_level()
     chosen = api.ok("GET", f"/v1/surveys?level_id={level.id}")["items"][0]["id"]

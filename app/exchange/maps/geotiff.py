@@ -19,7 +19,7 @@ from xml.sax.saxutils import escape, unescape
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
+from PIL import Image, UnidentifiedImageError
 
 from app.engine.errors import InputError
 from app.engine.geodesy import TangentPlane
@@ -214,7 +214,9 @@ def _read_tiff(content: bytes) -> tuple[Float64Array, Float64Array, Float64Array
     except _DAMAGED as error:
         if isinstance(error, InputError):
             raise
-        raise InputError("file", f"is no readable TIFF ({str(error)[:80]}); send GeoTIFF of float32") from error
+        # Pillow tells a file that it does not know by the address of the buffer
+        why = "" if isinstance(error, UnidentifiedImageError) else f" ({str(error)[:80]})"
+        raise InputError("file", f"is no readable TIFF{why}; send GeoTIFF of float32") from error
     # float32 stays: a large raster is in memory more than once here
     values: NDArray[Any] = pixels if pixels.dtype == np.float32 else pixels.astype(np.float64)
     items = {name: unescape(text) for name, text in _OURS.findall(str(tags.get(_GDAL_METADATA, "")))}
