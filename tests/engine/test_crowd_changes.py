@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from app.engine.mapping.crowd import TrustPolicy, Weighed, weigh
-from app.engine.types import Float64Array
+from app.engine.types import Float64Array, SourceKind
 from tests.support.crowd import DAY_S, Level, joined
 
 SEEDS = (20, 21, 22)
@@ -126,3 +128,14 @@ def test_a_field_may_change_twice() -> None:
     inside = level.inside(weighed.evidence.xy.astype(float))
     assert weighed.evidence.weight[newest & inside].mean() > 0.5
     assert weighed.evidence.weight[~newest & inside].mean() < 0.2
+
+
+def test_surveys_alone_show_no_change() -> None:
+    """Walks of a survey that contradict one another have wrong labels, as a rule."""
+    level, weighed = with_change(SEEDS[0])
+    assert weighed.changes
+    sources = tuple(
+        replace(s, kind=SourceKind.SURVEY) if s.id.startswith("new") else s for s in weighed.evidence.sources
+    )
+    surveyed = weigh(replace(weighed.evidence, sources=sources), model=level.model)
+    assert surveyed.changes == ()

@@ -46,7 +46,7 @@ class ChangeEvent:
     delta : tuple of float, uT
         New minus old field, per channel, mean over the cells.
     witnesses : int
-        Independent ones that read the new field.
+        Independent ones of sessions that read the new field.
     """
 
     cells: tuple[tuple[float, float], ...]
@@ -276,7 +276,8 @@ def _event(
             return None
         delta = _mean(before.residual, new, passes.noise)
         dates = _date(passes, touched, share, dates)
-    witnesses = len(np.unique(passes.witness[new]))
+    # walks of one survey follow each other within minutes: what they differ by is labels and offsets, not steel
+    witnesses = len(np.unique(passes.witness[new & ~passes.survey]))
     if len(cells) < policy.cells or witnesses < policy.witnesses:
         return None
     centres = (passes.cells[cells] + 0.5) * passes.cell_m

@@ -152,7 +152,8 @@ class ChangePolicy:
     Attributes
     ----------
     witnesses : int
-        Independent passes after it that agree with one another and not with the map.
+        Independent passes of sessions after it that agree with one another and not with the map. Those of surveys do
+        not count here: a survey contradicts itself where labels are wrong.
     evidence : float
         Squared difference of the means after and before, over its variance, summed over channels. 25 is met by chance
         once in 60,000 (three channels): a level has hundreds of independent places, each with several dates.
