@@ -14,6 +14,7 @@ from app.cli.root import app
 from app.engine.mapping.offsets import rotate_horizontal
 from app.engine.mapping.samples import PlacedSamples
 from app.engine.types import Evidence, EvidenceSource, FeatureSet, Float64Array, GridMap, MapBuild, SourceKind
+from app.evaluation import field
 from app.evaluation.field import CellMeans, FieldReport, FieldScores, predicted, score_walks
 from tests.support.walks import Field
 
@@ -114,12 +115,16 @@ def test_levels_are_pooled_in_the_report() -> None:
     assert table[-1].split()[:4] == ["all", "4", "3.46", "1.73"]
 
 
-def test_the_command_scores_the_sample_floor(tmp_path: Path) -> None:
+def test_the_command_prints_and_writes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(field, "score_level", lambda level: _scores(level.name, np.ones((2, 2))))
     report = tmp_path / "field.json"
-    result = CliRunner().invoke(app, ["evaluate", "field", "--data", "maps/samples", "--json", str(report)])
+    options = ["--data", "maps/samples", "--levels", "site1-F2", "--json", str(report)]
+    result = CliRunner().invoke(app, ["evaluate", "field", *options])
     assert result.exit_code == 0, result.output
-    scores = json.loads(report.read_text())["overall"]
-    assert scores["n"] > 100
-    assert scores["rms_vertical"] < scores["baseline_vertical"]
-    assert scores["rms_horizontal"] < scores["baseline_horizontal"]
+    assert json.loads(report.read_text())["levels"].keys() == {"site1-F2"}
     assert "Bv base" in result.output
+
+
+def test_a_level_that_is_not_there_is_refused() -> None:
+    result = CliRunner().invoke(app, ["evaluate", "field", "--data", "maps/samples", "--levels", "site9-F9"])
+    assert result.exit_code != 0
