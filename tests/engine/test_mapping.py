@@ -102,7 +102,8 @@ def test_unmapped_ground_is_finite_and_uninformative(survey: tuple[SurveyWalk, .
     assert far.any()
     assert np.isfinite(g.mean).all()
     assert np.isfinite(g.sd).all()
-    np.testing.assert_allclose(g.sd[:, far], np.array(build.field_sd, dtype=np.float32)[:, None].repeat(far.sum(), 1))
+    spread = np.array(build.field_sd, dtype=np.float32)[:, None].repeat(far.sum(), 1)
+    np.testing.assert_allclose(g.sd[:, far], spread, rtol=0.01)  # within reach of a coarse field, hardly less
     assert not g.mapped[far].any()
 
 
