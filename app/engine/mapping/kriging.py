@@ -12,10 +12,8 @@ from app.engine.kernels.neighbours import spread_out
 from app.engine.mapping.model import Covariance, FieldLevel, FieldSamples
 from app.engine.types import BoolArray, Float64Array, IntArray, Progress
 
-NEIGHBOURS = 96
+NEIGHBOURS = 88
 """Samples that a block is kriged from."""
-_GRADIENT_SHARE = 0.8
-"""Of them, where two components are kriged together: each sample brings two readings, and the work grows eightfold."""
 _CANDIDATES = 3
 """Times as many nearest samples they are chosen among."""
 _SPACING_LENGTHS = 0.5
@@ -256,8 +254,5 @@ class _Job:
         mean = np.empty((len(nodes), z.shape[1]))
         var = np.empty((len(nodes), 2 if joint else 1))
         kernel = krige_gradient_blocks if joint else krige_blocks
-        if joint:
-            most = int(np.ceil(_GRADIENT_SHARE * index.shape[1]))
-            index, count = np.ascontiguousarray(index[:, :most]), np.minimum(count, most)
         kernel(self.xy, self.walk, z, self.error, self.white, index, count, nodes, first, self.parameters, mean, var)
         return mean, var
