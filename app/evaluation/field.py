@@ -10,21 +10,21 @@ from __future__ import annotations
 import contextlib
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from scipy.ndimage import map_coordinates
 from scipy.spatial import cKDTree
 
 from app.engine.errors import InputError
-from app.engine.mapping import FloorPlan, build_map
+from app.engine.mapping import build_map
 from app.engine.mapping.offsets import offsets_on_map
 from app.engine.mapping.samples import PlacedSamples, place_samples
 from app.engine.types import Float64Array, GridMap, IntArray, MapBuild, Progress
-from app.evaluation.datasets.ilc20 import Ilc20Level, open_ilc20
+from app.evaluation.datasets.ilc20 import Ilc20Level, Split, open_ilc20
 from app.evaluation.tables import layout
 
 CELL_M = 0.5
@@ -165,13 +165,13 @@ def run_field(options: FieldOptions, progress: Progress | None = None) -> FieldR
 
 def score_level(level: Ilc20Level) -> FieldScores:
     """Scores of one level: map from its train walks, residuals of its test walks."""
-    train = [walk.survey_walk() for walk in level.walks("train")]
-    plan = None if level.vector_plan is None else FloorPlan.from_geojson(level.vector_plan)
-    build = build_map(level.name, train, plan=plan)
+    # radio layers and the floor plan do not touch the field
+    train = [replace(walk.survey_walk(), wifi=None, ble=None) for walk in level.walks("train")]
+    build = build_map(level.name, train)
     return score_walks(level.name, build, _placed(level, "train"), _placed(level, "test"))
 
 
-def _placed(level: Ilc20Level, split: Literal["train", "test"]) -> list[PlacedSamples]:
+def _placed(level: Ilc20Level, split: Split) -> list[PlacedSamples]:
     walks = []
     for walk in level.walks(split):
         with contextlib.suppress(InputError):  # too few steps or labels: neither survey nor truth

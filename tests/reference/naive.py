@@ -134,9 +134,9 @@ def krige_gradient(xy, walk, z, error, white, nodes, covariance):
 
 
 def spread_out(xy, walk, near, spacing, k):
-    """Indices of a neighbourhood: nearest first but for walks that have a sample close by; then the nearest others."""
-    chosen = []
-    for a in near:
+    """Half of a neighbourhood nearest first, then but for walks with a sample close by; then the nearest others."""
+    chosen = list(near[: k // 2])
+    for a in near[k // 2 :]:
         close = [b for b in chosen if walk[b] == walk[a] and np.hypot(*(xy[a] - xy[b])) < spacing]
         if len(chosen) < k and not close:
             chosen.append(a)

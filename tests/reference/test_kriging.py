@@ -166,3 +166,42 @@ class TestNeighbours:
         chosen, count = np.zeros((1, min(n, 20)), np.int64), np.empty(1, np.int64)
         spread_out(xy, walk, near, np.array([n]), spacing, chosen, count)
         assert chosen[0, : count[0]].tolist() == naive.spread_out(xy, walk, near[0].tolist(), spacing, min(n, 20))
+
+
+class TestAgainstExact:
+    """Blocks and neighbourhoods against one dense solve with all samples, on a drawn field of the very covariance."""
+
+    @pytest.mark.parametrize("curl_free", [False, True])
+    def test_error_within_three_percent(self, rng: np.random.Generator, *, curl_free: bool) -> None:
+        covariance = Covariance(length_m=5.0, fine_length_m=1.5, error=0.2, white=0.1, curl_free=curl_free)
+        axis = 0.5 * np.arange(24)
+        nodes = np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2)
+        lines = np.arange(0.5, 12.0, 2.0)
+        along = np.arange(0.2, 11.8, 0.4)
+        xy = np.concatenate([[(s, y) for s in along] for y in lines] + [[(x, s) for s in along] for x in lines])
+        walk = np.repeat(np.arange(12), len(along))
+        error, white = np.full(len(xy), np.sqrt(0.2)), np.full(len(xy), 0.1)
+        z, truth = self._draw(rng, xy, nodes, walk, covariance)
+        z = z + rng.multivariate_normal(np.zeros(len(xy)), naive.sample_noise(xy, walk, error, white, covariance), 2).T
+        level = FieldLevel(np.zeros(2), np.ones(2))
+        ours, sd = krige_grid(FieldSamples(xy, walk, z), level, covariance, axis, axis)
+        exact = (naive.krige_gradient if curl_free else naive.krige)(xy, walk, z, error, white, nodes, covariance)
+        rmse = np.sqrt(((ours.reshape(2, -1).T - truth) ** 2).mean())
+        assert rmse < 1.03 * np.sqrt(((exact[0] - truth) ** 2).mean())
+        ratio = sd.reshape(2, -1).T / np.sqrt(exact[1].reshape(len(nodes), -1))
+        assert ratio.min() > 0.99  # fewer samples never make it surer
+        assert ratio.mean() < 1.03
+
+    def _draw(self, rng, xy, nodes, walk, covariance: Covariance) -> tuple[Float64Array, Float64Array]:
+        """Field at samples and nodes, (n, 2) and (m, 2)."""
+        at = np.concatenate([xy, nodes])
+        n = len(at)
+        lags = (at[:, None] - at[None]).reshape(-1, 2)
+        if covariance.curl_free:
+            c = naive.gradient_covariance(lags, covariance).reshape(n, n, 2, 2).transpose(2, 0, 3, 1)
+            c = c.reshape(2 * n, 2 * n)
+        else:
+            c = np.kron(np.eye(2), naive.nested(np.linalg.norm(lags, axis=-1), covariance).reshape(n, n))
+        factor = np.linalg.cholesky(c + 1e-4 * np.eye(2 * n))
+        drawn = (factor @ rng.standard_normal(2 * n)).reshape(2, n).T
+        return drawn[: len(xy)], drawn[len(xy) :]

@@ -8,9 +8,9 @@ from numba import njit
 def spread_out(xy, walk, near, found, spacing, chosen, count):
     """Choose among the nearest samples, so that one walk's do not fill the neighbourhood.
 
-    A walk's errors are alike along a metre or two, so a second sample of it next to one that is taken says little more.
-    Twice over the candidates, nearest first: at first, those with a taken one of their walk within ``spacing`` are
-    passed over; the places that are left go to the nearest of these.
+    The first half of the places go to the nearest ones: they carry the fine part of the field. Beyond, a walk's second
+    sample next to one that is taken says little more, as its errors are alike along a metre or two: those with a taken
+    one of their walk within ``spacing`` are passed over. Places that are left go to the nearest of these.
 
     Parameters
     ----------
@@ -26,7 +26,7 @@ def spread_out(xy, walk, near, found, spacing, chosen, count):
         for i in range(found[p]):
             a = near[p, i]
             taken[i] = n < k
-            for m in range(n):
+            for m in range(n if n >= k // 2 else 0):
                 b = chosen[p, m]
                 if walk[b] == walk[a]:
                     dx, dy = xy[a, 0] - xy[b, 0], xy[a, 1] - xy[b, 1]

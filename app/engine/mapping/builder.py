@@ -86,7 +86,7 @@ def build_map(
     by_labels = replace(samples, xy=np.concatenate([walk.xy for walk in labelled]))
     say(0.35, "fitting covariance")
     own = placed if settings.align and settings.features is FeatureSet.VECTOR else None
-    covariance = fit_covariance(samples, own)
+    covariance = fit_covariance(samples, own, labelled=by_labels)
     say(0.4, "what left-out walks differ by")
     claims = fit_claims(samples, covariance, own, labelled=by_labels)
     noise_sd = np.maximum(claims.noise_sd, repeatability(samples, covariance, labelled=by_labels))

@@ -12,7 +12,7 @@ from app.engine.kernels.neighbours import spread_out
 from app.engine.mapping.model import Covariance, FieldLevel, FieldSamples
 from app.engine.types import BoolArray, Float64Array, IntArray, Progress
 
-NEIGHBOURS = 96
+NEIGHBOURS = 88
 """Samples that a block is kriged from."""
 _CANDIDATES = 3
 """Times as many nearest samples they are chosen among."""

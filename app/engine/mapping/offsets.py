@@ -190,6 +190,7 @@ def _horizontal(
     columns = np.concatenate(
         [owner, n_walks + owner, 2 * n_walks + owner, np.full(n, 3 * n_walks), np.full(n, 3 * n_walks + 1)]
     )
+    trust = _trust(cells, owner, n_walks)
     iron: ComplexArray = np.zeros(n_walks, dtype=complex)
     carry: Float64Array = np.zeros(n_walks, dtype=np.float64)
     for _ in range(_ITERATIONS):
@@ -206,14 +207,24 @@ def _horizontal(
             normal += a
             right += r
         iron_rows = np.arange(2 * n_walks)
-        normal[iron_rows, iron_rows] += 1.0 / _HARD_IRON_SD**2
+        normal[iron_rows, iron_rows] += np.tile(trust, 2) / _HARD_IRON_SD**2
         angles = np.arange(2 * n_walks, 3 * n_walks)
-        normal[angles, angles] += 1.0 / _CARRY_SD**2
-        right[angles] -= carry / _CARRY_SD**2
+        normal[angles, angles] += trust / _CARRY_SD**2
+        right[angles] -= trust * carry / _CARRY_SD**2
         solution: Float64Array = np.linalg.solve(normal, right).astype(np.float64)
         iron = solution[:n_walks] + 1j * solution[n_walks : 2 * n_walks]
         carry += solution[angles]
     return iron, carry
+
+
+def _trust(cells: _Cells, owner: IntArray, n_walks: int) -> Float64Array:
+    """Mean weight of each walk, by which its offsets are expected to be small.
+
+    What all walks have in common is told from the field by that expectation alone: a walk that is wrong must not have
+    its say there either.
+    """
+    count = np.bincount(owner, minlength=n_walks)
+    return np.asarray(np.bincount(owner, cells.weight, minlength=n_walks) / np.maximum(count, 1))
 
 
 def _vertical(cells: _Cells, owner: IntArray, mag: Float64Array, n_walks: int) -> Float64Array:
@@ -222,6 +233,6 @@ def _vertical(cells: _Cells, owner: IntArray, mag: Float64Array, n_walks: int) -
     design = csr_array((np.ones(2 * n), (np.tile(np.arange(n), 2), columns)), shape=(n, n_walks + 1))
     normal, right = cells.normal_equations(design, mag)
     iron_rows = np.arange(n_walks)
-    normal[iron_rows, iron_rows] += 1.0 / _HARD_IRON_SD**2
+    normal[iron_rows, iron_rows] += _trust(cells, owner, n_walks) / _HARD_IRON_SD**2
     solution: Float64Array = np.linalg.solve(normal, right).astype(np.float64)[:n_walks]
     return solution

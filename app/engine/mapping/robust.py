@@ -2,7 +2,7 @@
 
 A wrong waypoint puts half a walk where it never was; a steel trolley adds its field to a whole one. In a least squares
 estimate such a walk bends the map and its neighbours' offsets. Here the estimate is repeated with weights of a Student
-t (Lange, Little and Taylor 1989, doi:10.2307/2290063, section 2), of each sample and of each walk as a whole.
+t (Lange, Little and Taylor 1989, doi:10.2307/2290063, section 2) of each walk as a whole, squared.
 """
 
 from __future__ import annotations
@@ -15,10 +15,11 @@ from app.engine.mapping.offsets import WalkOffsets, cells_of, estimate_offsets
 from app.engine.mapping.samples import PlacedSamples
 from app.engine.types import BoolArray, Float64Array, IntArray
 
-DEGREES_OF_FREEDOM = 4.0
-"""Of the Student t: the misfit of recorded walks has tails about as heavy."""
-WALK_DEGREES_OF_FREEDOM = 3.0
-"""Of a walk as a whole: of dozens of samples, so far fewer than these are independent."""
+TOLERATED = 16.0
+"""Mean square of a walk's normalized misfit up to which it has full weight. Not less: where the field is steep every
+walk misfits, and a map of left-out walks gets worse when such places lose weight (1 to 17 % on three mall floors)."""
+DEGREES_OF_FREEDOM = 1.0
+"""Of the Student t beyond: of a walk's dozens of samples far fewer are independent."""
 LEAST_WEIGHT = 0.01
 _LEAST_SCALE = 1.0
 """uT; what phones do not repeat, however well walks agree."""
@@ -40,7 +41,7 @@ def estimate_robustly(walks: Sequence[PlacedSamples]) -> tuple[WalkOffsets, Floa
 
 
 def sample_weights(walks: Sequence[PlacedSamples], offsets: WalkOffsets, weight: Float64Array) -> Float64Array:
-    """Weight of each sample by its distance from the mean of the *other* walks in its cell.
+    """Weight of each sample: its walk's, by the distance from the mean of the *other* walks in each cell.
 
     Parameters
     ----------
@@ -57,16 +58,11 @@ def sample_weights(walks: Sequence[PlacedSamples], offsets: WalkOffsets, weight:
     # the median does not see the walks that are sought
     scale = np.maximum(_TO_SIGMA * np.median(np.abs(misfit[shared]), axis=0), _LEAST_SCALE)
     square = np.where(shared, ((misfit / scale) ** 2).mean(axis=1), 0.0)
-    own = _student(square, DEGREES_OF_FREEDOM)
     count = np.bincount(owner, shared)
     of_walk = np.bincount(owner, square) / np.maximum(count, 1.0)
-    whole = np.where(count >= _LEAST_SHARED, _student(of_walk, WALK_DEGREES_OF_FREEDOM) ** 2, 1.0)
-    return np.asarray(np.maximum(own * whole[owner], LEAST_WEIGHT))
-
-
-def _student(square: Float64Array, degrees_of_freedom: float) -> Float64Array:
-    """Weight of a normalized squared misfit; one up to what is expected."""
-    return np.asarray(np.minimum((degrees_of_freedom + 1.0) / (degrees_of_freedom + square), 1.0))
+    suspect = (count >= _LEAST_SHARED) & (of_walk > TOLERATED)
+    whole = np.where(suspect, ((DEGREES_OF_FREEDOM + 1.0) / (DEGREES_OF_FREEDOM + of_walk)) ** 2, 1.0)
+    return np.asarray(np.maximum(whole, LEAST_WEIGHT)[owner])
 
 
 def _misfit(

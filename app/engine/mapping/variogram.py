@@ -69,6 +69,7 @@ def fit_covariance(
     samples: FieldSamples,
     walks: Sequence[PlacedSamples] | None = None,
     *,
+    labelled: FieldSamples | None = None,
     seed: int = 0,
 ) -> Covariance:
     """Choose the covariance by the predictive likelihood of left-out walks.
@@ -77,22 +78,21 @@ def fit_covariance(
     gradient of a potential, and whether the field is longer in one direction. Too few walks: the defaults, which stand
     for phones in shopping malls.
 
-    The error is kept below what prediction at the labelled places would choose: most of it is labels that are off by
-    decimetres along the way, and a walker's own path gives way to these. Charged to the map, they would smooth away the
-    fine part of the field, which tells places apart.
-
     Parameters
     ----------
     samples : FieldSamples
     walks : sequence of PlacedSamples or None
         The same samples before their offsets were taken off, for channels that are the vector's. Without, each
         left-out walk may be off by a constant per channel.
+    labelled : FieldSamples or None
+        The samples where their labels put them, if they were moved since: nobody moves the readings of a session to
+        where they agree with the map, so the left-out ones shall not be.
     seed : int
         Of the sharing out.
     """
     if len(np.unique(samples.walk)) < _MIN_WALKS:
         return Covariance()
-    asked = _LeftOut.draw(samples, walks, seed)
+    asked = _LeftOut.draw(samples, walks, seed, labelled)
     best = asked.best([Covariance(long, fine=fine, fine_length_m=short) for long, short, fine in PARTS_M])
     best = asked.best([replace(best, error=error) for error in ERRORS])
     if samples.values.shape[1] == len("xyz"):
@@ -116,11 +116,8 @@ def fit_claims(
 
     Parameters
     ----------
-    samples, covariance, walks, seed
+    samples, covariance, walks, labelled, seed
         As in :func:`fit_covariance`.
-    labelled : FieldSamples or None
-        The samples where their labels put them, if they were moved since: nobody moves the readings of a session to
-        where they agree with the map, so the left-out ones shall not be.
     """
     level = field_level(samples, covariance)
     modelled: Float64Array = level.sd * np.sqrt(covariance.noise)
