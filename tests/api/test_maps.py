@@ -76,6 +76,12 @@ def test_an_unknown_mode_is_told_in_plain_words(api: Api) -> None:
     assert error["message"] == "input should be 'build' or 'update'"
 
 
+def test_an_update_takes_no_settings(api: Api) -> None:
+    response = api.post("/v1/maps", json={"level_id": "lvl_1", "mode": "update", "cell_m": 0.25})
+    (error,) = response.json()["errors"]
+    assert (response.status_code, error["field"]) == (422, "cell_m")
+
+
 def test_surveys_can_be_chosen(api: Api) -> None:
     level, other = api.surveyed_level(), api.surveyed_level()
     chosen = api.ok("GET", f"/v1/surveys?level_id={level.id}")["items"][0]["id"]

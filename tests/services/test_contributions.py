@@ -189,7 +189,8 @@ def test_a_rejected_contribution_is_taken_out_and_may_be_restored(world: World) 
     level = mapped(world)
     one = offered(world, level)
     run_update(world, (verdict(one.id, Action.CONFIRM),))
-    assert world.services.contributions.reject(one.id).state is REJECTED
+    rejected = world.services.contributions.reject(one.id)
+    assert (rejected.state, rejected.verdict) == (REJECTED, "")
     spec, info = run_update(world)
     assert spec.base is not None
     assert (spec.base.removed, info.removed, spec.base.contributed) == ((one.id,), (one.id,), None)

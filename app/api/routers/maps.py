@@ -19,11 +19,14 @@ from app.api.routing import api_router
 from app.api.schemas.jobs import JobOut
 from app.api.schemas.maps import CoverageOut, MapIn, MapOut, MapPage
 from app.engine.types import GridMap, MapBuildSettings
-from app.services.records import NewBuild, Scope
+from app.services.errors import InvalidError
+from app.services.records import MapKind, NewBuild, Scope
 
 router = api_router("maps")
 
 PNG = "image/png"
+SETTINGS = frozenset({"features", "cell_m", "mapped_m", "align"})
+"""What an update takes from the current map."""
 RAW = "application/octet-stream"
 
 
@@ -55,6 +58,9 @@ class CoverageFormat(StrEnum):
 )
 async def build_map(body: MapIn, context: ContextDep, wait: WaitDep, key: KeyDep) -> Response:
     """Queue the building of a level's next map version; the job's `result` will name it (`map_id`)."""
+    given = sorted(body.model_fields_set & SETTINGS) if body.mode is MapKind.UPDATE else []
+    if given:
+        raise InvalidError(given[0], "is what the current map was built with", "leave it out, or order a build")
     settings = MapBuildSettings(features=body.features, cell_m=body.cell_m, mapped_m=body.mapped_m, align=body.align)
     new = NewBuild(body.level_id, settings, body.survey_ids, body.mode, publish=body.publish, key_id=key.id)
     job = await run_in_threadpool(context.services.maps.request_build, new)

@@ -95,9 +95,10 @@ class SqlContributionRepository(Repository):
             )
 
     def set_state(self, contribution_id: str, state: ContributionState, now: datetime) -> Contribution:
-        """A person's decision."""
+        """A person's decision; what the weighing said no longer holds."""
         statement = update(contributions).where(contributions.c.id == contribution_id)
-        expect_one(self._write(statement.values(state=state, decided_at=now)), "contribution", contribution_id)
+        values = {"state": state, "decided_at": now, "verdict": ""}
+        expect_one(self._write(statement.values(values)), "contribution", contribution_id)
         return self.get(contribution_id)
 
     def delete(self, contribution_id: str) -> None:
