@@ -9,7 +9,7 @@ import pytest
 
 from app.engine.mapping.forecast import LOST_M, forecast_route
 from app.engine.mapping.outlook import RouteOutlook, Stretch, Trouble, route_outlook
-from app.engine.mapping.similarity import find_rivals
+from app.engine.mapping.similarity import Rivals, find_rivals
 from app.engine.types import GridMap
 from tests.support.fields import field_map
 
@@ -84,3 +84,8 @@ def test_short_routes_are_not_compared() -> None:
         for length in (19.0, 30.0, 47.0)
     ]
     assert ways == [[], [30.0], [40.0, 45.0]]
+
+
+def test_a_route_shorter_than_a_stretch_looks_like_nothing() -> None:
+    none = np.empty(0)
+    assert not Rivals(none, none, none).ambiguous(np.linspace(0.0, 7.0, 8)).any()

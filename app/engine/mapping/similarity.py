@@ -53,7 +53,7 @@ class Rivals:
         A stretch speaks for the points since the one before it; the first for all before it, where less was seen still.
         """
         found = np.zeros(len(way), dtype=bool)
-        before = np.append(0.0, self.way[:-1])
+        before = np.append(0.0, self.way)[: len(self.way)]  # a short route has no stretch at all
         for begin, end, nats in zip(before, self.way, self.nats, strict=True):
             if nats < LIKE_NATS:
                 found |= (way <= end + 1e-9) & (way > begin + 1e-9)
