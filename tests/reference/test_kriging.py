@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numba import config
 
 from app.engine.kernels.kriging import krige_blocks, krige_gradient_blocks
 from app.engine.kernels.neighbours import spread_out
@@ -16,6 +17,9 @@ from tests.support.walks import Field
 
 COVARIANCE = Covariance(length_m=3.0, error=0.4, error_length_m=1.5, white=0.05, fine=0.4, fine_length_m=1.0)
 STRETCHED = replace(COVARIANCE, stretch=1.7, stretch_angle=0.6)
+
+
+whole_grids = pytest.mark.skipif(bool(config.DISABLE_JIT), reason="takes minutes without the compiler")
 
 
 @pytest.fixture
@@ -115,6 +119,7 @@ class TestGradient:
         assert np.abs(bound).max() < 0.03 * np.abs(free).max()
 
 
+@whole_grids
 class TestGrid:
     @pytest.fixture
     def samples(self, rng: np.random.Generator) -> FieldSamples:
@@ -168,6 +173,7 @@ class TestNeighbours:
         assert chosen[0, : count[0]].tolist() == naive.spread_out(xy, walk, near[0].tolist(), spacing, min(n, 20))
 
 
+@whole_grids
 class TestAgainstExact:
     """Blocks and neighbourhoods against one dense solve with all samples, on a drawn field of the very covariance."""
 
