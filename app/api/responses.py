@@ -39,6 +39,9 @@ PROBLEM_SCHEMA: dict[str, Any] = {
     },
 }
 
+PNG = "image/png"
+RAW = "application/octet-stream"
+
 ALWAYS = (errors.UNAUTHORIZED, errors.FORBIDDEN, errors.RATE_LIMITED)
 """Problems of every call that needs a key."""
 OBJECT = (errors.MALFORMED_BODY, errors.BODY_TOO_LARGE, errors.UNSUPPORTED_MEDIA_TYPE, errors.INVALID)
@@ -55,6 +58,18 @@ RASTER_HEADERS: dict[str, Any] = {
     "X-Isodyn-High": {"schema": {"type": "number"}, "description": "Value of the last colour (PNG)."},
 }
 """What every answer with a raster says about it."""
+
+
+def raster_answer(description: str) -> dict[str, Any]:
+    """Describe an answer that is a raster: a picture or float32."""
+    return {
+        "description": description,
+        "content": {
+            media_type: {"schema": {"type": "string", "contentMediaType": media_type}} for media_type in (PNG, RAW)
+        },
+        "headers": RASTER_HEADERS,
+    }
+
 
 NOT_MODIFIED: Responses = {304: {"description": "The caller has this version already (`If-None-Match`)."}}
 

@@ -8,12 +8,12 @@ from datetime import datetime
 
 import numpy as np
 
-from app.engine.mapping import MapModel, reach_m
+from app.engine.mapping import MapModel
 from app.engine.mapping.kriging import LARGEST_BLOCK
 from app.engine.types import Evidence, FeatureSet, Float64Array, SurveyWalk
-from app.services.ids import new_id
+from app.services.new_jobs import new_job
 from app.services.ports import Box, UnitOfWork
-from app.services.records import Job, JobKind, JobState, MapInfo, MapKind, NewBuild, Publication
+from app.services.records import Job, JobKind, MapInfo, MapKind, NewBuild, Publication
 
 MAX_CONTRIBUTIONS = 500
 """Contributions of one update: it stays short, and the next takes the rest."""
@@ -87,21 +87,7 @@ def _went_back(uow: UnitOfWork, level_id: str) -> Publication | None:
 
 def build_job(new: NewBuild, now: datetime) -> Job:
     """A job that builds or updates a level's map."""
-    return Job(
-        id=new_id("job", now),
-        kind=JobKind.BUILD_MAP,
-        state=JobState.QUEUED,
-        order_key=new.level_id,
-        subject={"level_id": new.level_id},
-        attempts=0,
-        progress=0.0,
-        progress_text="",
-        result={},
-        error=None,
-        created_at=now,
-        started_at=None,
-        finished_at=None,
-    )
+    return new_job(JobKind.BUILD_MAP, new.level_id, {"level_id": new.level_id}, now)
 
 
 def box_of(
@@ -118,7 +104,7 @@ def box_of(
         x1, y1 = info.x0 + info.cell_m * (info.columns - 1), info.y0 + info.cell_m * (info.rows - 1)
         points.append(np.array([[info.x0, y1], [x1, info.y0]]))
     corners = np.concatenate(points)
-    reach = reach_m(MapModel.from_values(info.model)) if info.model else 0.0
+    reach = MapModel.from_values(info.model).covariance.reach_m if info.model else 0.0
     # weights change about what comes, nodes about these are kriged, from all evidence that reaches them
     margin = 3.0 * reach + _BLOCKS * LARGEST_BLOCK * info.cell_m + _DISPLACED_M
     (x_min, y_min), (x_max, y_max) = corners.min(axis=0) - margin, corners.max(axis=0) + margin

@@ -8,7 +8,6 @@ from collections.abc import Mapping, Sequence
 from datetime import datetime
 
 from app.engine.mapping import FloorPlan, NewWalk
-from app.engine.mapping.crowd.weigh import Verdict
 from app.engine.types import DeviceCalibration, Evidence, Fix, SurveyWalk
 from app.services.base import Service
 from app.services.clock import Clock
@@ -23,18 +22,15 @@ from app.services.ports import MapCache, UnitOfWork, UnitOfWorkFactory
 from app.services.publishing import BUILT, UPDATED, publish
 from app.services.records import (
     Carrier,
-    Contribution,
-    ContributionState,
     Job,
     JobKind,
     JobState,
     MapInfo,
     MapKind,
     NewBuild,
-    Session,
     SessionStatus,
 )
-from app.services.reviews import news, reputation_of, verdict_of
+from app.services.reviews import contribution_of, news, reputation_of, verdict_of, whole_verdicts
 from app.services.session_end import end_if_over
 from app.services.stored_segments import load_segments
 from app.services.tasks import (
@@ -44,7 +40,6 @@ from app.services.tasks import (
     ContributeSpec,
     LocateResult,
     LocateSpec,
-    Offer,
     SmoothSpec,
     UpdateBase,
 )
@@ -53,8 +48,6 @@ from app.services.trajectories import check_smoothable
 Outcome = dict[str, str | int | float]
 MAX_ATTEMPTS = 3
 _PROGRESS_STEP = 0.01
-_ABOUT_M = 2.0
-"""Ground about a row that it is compared with."""
 
 
 class ProcessingService(Service):
@@ -169,7 +162,7 @@ class ProcessingService(Service):
                 return None
             session = uow.sessions.get(session_id)
             for offer in result.offers:
-                uow.contributions.add(_contribution(session, offer, now), offer.evidence)
+                uow.contributions.add(contribution_of(session, offer, now), offer.evidence)
                 if len(offer.evidence):
                     queue_update(uow, offer.level_id, now, offered=True)
             return uow.jobs.get(job.id)
@@ -225,7 +218,7 @@ class ProcessingService(Service):
                 uow.maps.finish_build(job.id, info.id)
                 if order.publish:
                     publish(uow, info, now, key_id=order.key_id, note=BUILT if base is None else UPDATED)
-                uow.contributions.decide([verdict_of(verdict) for verdict in _whole(uow, result)], now)
+                uow.contributions.decide([verdict_of(verdict) for verdict in whole_verdicts(uow, result)], now)
                 uow.contributions.add_changes(news(uow, info, result.changes, now))
                 if order.publish:  # a draft is no base for what comes after it
                     queue_update(uow, info.level_id, now)
@@ -334,50 +327,6 @@ def _placed_of(uow: UnitOfWork, map_id: str, removed: Sequence[str]) -> int:
         return 0
     reports = uow.maps.reports(map_id)
     return sum(one in reports and reports[one].rejected is None for one in removed)
-
-
-def _whole(uow: UnitOfWork, result: BuildResult) -> list[Verdict]:
-    """Verdicts on contributions all of which was weighed; what an update saw a part of keeps the verdict it has."""
-    base = result.base
-    if base is None:
-        return list(result.verdicts)
-    added = set(base.added)
-    boxes = uow.contributions.boxes([one.source_id for one in result.verdicts if one.source_id not in added])
-    x_min, y_min, x_max, y_max = base.box
-    x_min, y_min, x_max, y_max = x_min + _ABOUT_M, y_min + _ABOUT_M, x_max - _ABOUT_M, y_max - _ABOUT_M
-    inside = {
-        name for name, box in boxes.items()
-        if box[0] >= x_min and box[1] >= y_min and box[2] <= x_max and box[3] <= y_max
-    }  # fmt: skip
-    return [one for one in result.verdicts if one.source_id in added or one.source_id in inside]
-
-
-def _contribution(session: Session, offer: Offer, now: datetime) -> Contribution:
-    """The rows' one source names the contribution."""
-    rows = offer.evidence
-    box = None
-    if len(rows):
-        lo, hi = rows.xy.min(axis=0), rows.xy.max(axis=0)
-        box = (float(lo[0]), float(lo[1]), float(hi[0]), float(hi[1]))
-    return Contribution(
-        id=rows.sources[0].id if len(rows) else new_id("ctr", now),
-        session_id=session.id,
-        level_id=offer.level_id,
-        device_id=session.device_id,
-        contributor=session.contributor or "",
-        map_id=next(one.map_id for one in session.maps if one.level_id == offer.level_id),
-        state=ContributionState.OFFERED if len(rows) else ContributionState.EMPTY,
-        n_steps=offer.n_steps,
-        n_kept=offer.n_kept,
-        n_rows=len(rows),
-        reasons=offer.reasons,
-        box=box,
-        n_agreed=0,
-        n_disagreed=0,
-        verdict="",
-        created_at=now,
-        decided_at=None,
-    )
 
 
 def _owned(walks: Sequence[SurveyWalk], carriers: Mapping[str, Carrier]) -> tuple[NewWalk, ...]:

@@ -8,24 +8,34 @@ from datetime import UTC, datetime
 import numpy as np
 
 from app.engine.mapping.crowd.changes import ChangeEvent
-from app.engine.mapping.crowd.policy import Reason
+from app.engine.mapping.crowd.policy import Reason, TrustPolicy
+from app.engine.mapping.crowd.reputation import posterior
 from app.engine.mapping.crowd.weigh import Verdict
 from app.services.base import MAX_LIMIT
 from app.services.ids import new_id
 from app.services.ports import UnitOfWork
-from app.services.records import ContributionState, ContributionVerdict, LastingChange, MapInfo
+from app.services.records import (
+    Contribution,
+    ContributionState,
+    ContributionVerdict,
+    LastingChange,
+    MapInfo,
+    Session,
+)
+from app.services.tasks import BuildResult, Offer
 
-_PRIOR = (2.0, 1.0)
-"""Agreeing and disagreeing places of a contributor nobody knows."""
+_ABOUT_M = 2.0
+"""Ground about a row that it is compared with."""
+_POLICY = TrustPolicy()
 
 
 def reputation_of(track_record: Mapping[str, tuple[int, int]]) -> dict[str, float]:
-    """Mean of a Beta distribution for each contributor."""
-    return {
-        name: (_PRIOR[0] + agreed) / (sum(_PRIOR) + agreed + disagreed)
-        for name, (agreed, disagreed) in track_record.items()
-        if agreed + disagreed
-    }
+    """What other levels tell of contributors that were compared with anybody there, 0 to 1."""
+    names = [name for name, counts in track_record.items() if sum(counts)]
+    agreed, disagreed = np.array([track_record[name] for name in names], dtype=np.float64).reshape(-1, 2).T
+    like, unlike = (np.full(len(names), value) for value in _POLICY.reputation_prior)
+    told = posterior((like, unlike), agreed, agreed + disagreed, _POLICY)
+    return dict(zip(names, told.tolist(), strict=True))
 
 
 def verdict_of(verdict: Verdict) -> ContributionVerdict:
@@ -87,3 +97,47 @@ def _same(one: LastingChange, other: LastingChange) -> bool:
     early = (one.before or ended) < (other.after or begun)
     late = (one.after or begun) > (other.before or ended)
     return not (apart or early or late)
+
+
+def whole_verdicts(uow: UnitOfWork, result: BuildResult) -> list[Verdict]:
+    """Verdicts on contributions all of which was weighed; what an update saw a part of keeps the verdict it has."""
+    base = result.base
+    if base is None:
+        return list(result.verdicts)
+    added = set(base.added)
+    boxes = uow.contributions.boxes([one.source_id for one in result.verdicts if one.source_id not in added])
+    x_min, y_min, x_max, y_max = base.box
+    x_min, y_min, x_max, y_max = x_min + _ABOUT_M, y_min + _ABOUT_M, x_max - _ABOUT_M, y_max - _ABOUT_M
+    inside = {
+        name for name, box in boxes.items()
+        if box[0] >= x_min and box[1] >= y_min and box[2] <= x_max and box[3] <= y_max
+    }  # fmt: skip
+    return [one for one in result.verdicts if one.source_id in added or one.source_id in inside]
+
+
+def contribution_of(session: Session, offer: Offer, now: datetime) -> Contribution:
+    """The rows' one source names the contribution."""
+    rows = offer.evidence
+    box = None
+    if len(rows):
+        lo, hi = rows.xy.min(axis=0), rows.xy.max(axis=0)
+        box = (float(lo[0]), float(lo[1]), float(hi[0]), float(hi[1]))
+    return Contribution(
+        id=rows.sources[0].id if len(rows) else new_id("ctr", now),
+        session_id=session.id,
+        level_id=offer.level_id,
+        device_id=session.device_id,
+        contributor=session.contributor or "",
+        map_id=next(one.map_id for one in session.maps if one.level_id == offer.level_id),
+        state=ContributionState.OFFERED if len(rows) else ContributionState.EMPTY,
+        n_steps=offer.n_steps,
+        n_kept=offer.n_kept,
+        n_rows=len(rows),
+        reasons=offer.reasons,
+        box=box,
+        n_agreed=0,
+        n_disagreed=0,
+        verdict="",
+        created_at=now,
+        decided_at=None,
+    )

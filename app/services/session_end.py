@@ -5,9 +5,9 @@ from __future__ import annotations
 from datetime import datetime
 
 from app.services.device_memory import remember_if_over
-from app.services.ids import new_id
+from app.services.new_jobs import new_job
 from app.services.ports import UnitOfWork
-from app.services.records import Job, JobKind, JobState, SessionStatus
+from app.services.records import JobKind, SessionStatus
 
 
 def end_if_over(uow: UnitOfWork, session_id: str, now: datetime) -> None:
@@ -21,27 +21,9 @@ def end_if_over(uow: UnitOfWork, session_id: str, now: datetime) -> None:
         return
     key = _order_key(session_id)
     if not uow.jobs.is_pending(key) and not uow.contributions.of_session(session_id):
-        uow.jobs.add(_contribute_job(session_id, key, now))
+        uow.jobs.add(new_job(JobKind.CONTRIBUTE, key, {"session_id": session_id}, now))
 
 
 def _order_key(session_id: str) -> str:
     """Not the session's own: its segments are done, and whoever waits for them need not wait for this."""
     return f"contribute_{session_id.removeprefix('ses_')}"
-
-
-def _contribute_job(session_id: str, key: str, now: datetime) -> Job:
-    return Job(
-        id=new_id("job", now),
-        kind=JobKind.CONTRIBUTE,
-        state=JobState.QUEUED,
-        order_key=key,
-        subject={"session_id": session_id},
-        attempts=0,
-        progress=0.0,
-        progress_text="",
-        result={},
-        error=None,
-        created_at=now,
-        started_at=None,
-        finished_at=None,
-    )

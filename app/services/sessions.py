@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from datetime import datetime
 
 from app.engine.localization.particle import ParticleTracker
 from app.engine.types import FixKind, Prior
@@ -22,6 +21,7 @@ from app.services.errors import (
 from app.services.ids import new_id
 from app.services.level_frame import in_level_frame
 from app.services.methods import MethodCheck, check_method, method_for
+from app.services.new_jobs import new_job
 from app.services.places import choose_place
 from app.services.ports import JobListener, MapCache, UnitOfWork, UnitOfWorkFactory
 from app.services.records import (
@@ -170,7 +170,7 @@ class SessionService(Service):
             in_level_frame(uow, session.venue_id, [Recording(new.samples, new.aids)])
             if uow.jobs.count(JobState.QUEUED, JobState.RUNNING) >= self._max_queued:
                 raise OverloadedError(RETRY_AFTER_S)
-            job = _locate_job(session_id, new.seq, now)
+            job = new_job(JobKind.LOCATE_SEGMENT, session_id, {"session_id": session_id, "seq": new.seq}, now)
             uow.jobs.add(job)
             uow.sessions.add_segment(session_id, new, job.id, now)
         self._listener.job_queued(job)
@@ -229,24 +229,6 @@ def _check_time(uow: UnitOfWork, session_id: str, new: NewSegment) -> None:
             f"starts at {new.samples.t[0] * 1000:.3f}, not after the end of seq {last.seq}, {last.t_end * 1000:.3f}",
             "send each sample once, in time order",
         )
-
-
-def _locate_job(session_id: str, seq: int, now: datetime) -> Job:
-    return Job(
-        id=new_id("job", now),
-        kind=JobKind.LOCATE_SEGMENT,
-        state=JobState.QUEUED,
-        order_key=session_id,
-        subject={"session_id": session_id, "seq": seq},
-        attempts=0,
-        progress=0.0,
-        progress_text="",
-        result={},
-        error=None,
-        created_at=now,
-        started_at=None,
-        finished_at=None,
-    )
 
 
 def _segment_info(session_id: str, new: NewSegment, job: Job) -> SegmentInfo:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from app.engine.errors import MapError
-from app.engine.mapping import MapModel, MapUpdate, NewWalk, build_map, reach_m, update_map
+from app.engine.mapping import MapModel, MapUpdate, NewWalk, build_map, update_map
 from app.engine.types import Evidence, EvidenceSource, FeatureSet, MapBuild, MapBuildSettings, SourceKind, SurveyWalk
 from tests.e2e.synthetic import walk
 
@@ -159,7 +159,6 @@ def test_what_is_given_is_not_touched(before: MapBuild, walks: list[SurveyWalk])
     updated(before, walks=[NewWalk(walks[-1])])
     np.testing.assert_array_equal(before.grid_map.mean, copy[0])
     np.testing.assert_array_equal(before.evidence.weight, copy[1])
-    assert reach_m(MapModel.from_values(before.model)) > 5.0
 
 
 def as_session(evidence: Evidence, name: str) -> Evidence:
@@ -199,3 +198,14 @@ def test_a_map_that_loses_all_its_sources_knows_nothing(before: MapBuild) -> Non
     assert not len(update.evidence)
     assert not update.grid_map.mapped.any()
     assert np.isfinite(update.grid_map.mean).all()
+
+
+def test_a_walk_far_off_the_level_is_reported_and_stops_nothing(before: MapBuild, walks: list[SurveyWalk]) -> None:
+    far = replace(walks[0], walk_id="far", waypoints=replace(walks[0].waypoints, x=walks[0].waypoints.x + 1e6))
+    update = updated(before, walks=[NewWalk(far), NewWalk(walks[-1])])
+    lost, found = update.walks
+    assert lost.rejected is not None
+    assert "of this level" in lost.rejected
+    assert found.rejected is None
+    assert update.grid_map.shape == before.grid_map.shape
+    assert update.changed.any()

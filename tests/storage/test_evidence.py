@@ -10,11 +10,13 @@ import numpy as np
 import pytest
 
 from app.engine.errors import MapError
+from app.engine.mapping.update import SQUARE
 from app.engine.types import Evidence, EvidenceSource, FeatureSet, SourceKind
 from app.services.ports import UnitOfWork
 from app.services.records import MapKind
 from app.storage import Database
 from app.storage.evidence import TILE_M, pack_evidence, pack_rows, tiles_in, unpack_evidence
+from app.storage.tiles import TILE
 from tests.storage.test_repositories import add_level, map_info, write
 from tests.support.builders import START, grid_map
 
@@ -69,6 +71,10 @@ def test_equal_rows_have_equal_hashes_wherever_the_map_ends() -> None:
     hashes = {(tile.row, tile.column): tile.hash for tile in pack_evidence(rows)}
     for tile in pack_evidence(inner):
         assert hashes[tile.row, tile.column] == tile.hash
+
+
+def test_maps_grow_by_the_tiles_they_are_stored_in() -> None:
+    assert SQUARE == TILE
 
 
 def test_no_evidence_has_no_tiles() -> None:

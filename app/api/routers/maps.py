@@ -14,7 +14,7 @@ from app.api.deps import PREFER_PARAMETER, ContextDep, KeyDep, ServicesDep, Wait
 from app.api.etag import IMMUTABLE, headers, not_modified, tag, tagged
 from app.api.pagination import PagingDep, link_next
 from app.api.rendering import Channel, Statistic
-from app.api.responses import NOT_MODIFIED, OBJECT, RASTER_HEADERS, guarded
+from app.api.responses import NOT_MODIFIED, OBJECT, PNG, RAW, guarded, raster_answer
 from app.api.routing import api_router
 from app.api.schemas.jobs import JobOut
 from app.api.schemas.maps import CoverageOut, MapIn, MapOut, MapPage
@@ -24,10 +24,8 @@ from app.services.records import MapKind, NewBuild, Scope
 
 router = api_router("maps")
 
-PNG = "image/png"
 SETTINGS = frozenset({"features", "cell_m", "mapped_m", "align"})
 """What an update takes from the current map."""
-RAW = "application/octet-stream"
 
 
 class FieldFormat(StrEnum):
@@ -114,14 +112,7 @@ def get_map(map_id: str, request: Request, services: ServicesDep) -> Response:
     dependencies=[any_key()],
     response_class=Response,
     responses={
-        200: {
-            "description": "The raster, with its place in `X-Isodyn-*` headers.",
-            "content": {
-                PNG: {"schema": {"type": "string", "contentMediaType": PNG}},
-                RAW: {"schema": {"type": "string", "contentMediaType": RAW}},
-            },
-            "headers": RASTER_HEADERS,
-        },
+        200: raster_answer("The raster, with its place in `X-Isodyn-*` headers."),
         **NOT_MODIFIED,
         **guarded(errors.NOT_FOUND, errors.INVALID),
     },

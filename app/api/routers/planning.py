@@ -13,8 +13,8 @@ from app.api.deps import ServicesDep
 from app.api.errors import NoAnchorError
 from app.api.etag import REVALIDATE, content_tag, not_modified, tagged
 from app.api.geojson import GEO_JSON, wants_geo_json
-from app.api.responses import NOT_MODIFIED, OBJECT, guarded, schema_of
-from app.api.routers.maps import PNG, RAW, FieldFormat
+from app.api.responses import NOT_MODIFIED, OBJECT, PNG, RAW, guarded, raster_answer, schema_of
+from app.api.routers.maps import FieldFormat
 from app.api.routing import api_router
 from app.api.schemas.planning import (
     LAYER_WORDS,
@@ -61,13 +61,7 @@ def get_quality(map_id: str, request: Request, services: ServicesDep) -> Respons
     dependencies=[any_key()],
     response_class=Response,
     responses={
-        200: {
-            "description": "The raster, with its place in `X-Isodyn-*` headers as those of `field`.",
-            "content": {
-                PNG: {"schema": {"type": "string", "contentMediaType": PNG}},
-                RAW: {"schema": {"type": "string", "contentMediaType": RAW}},
-            },
-        },
+        200: raster_answer("The raster, with its place in `X-Isodyn-*` headers as those of `field`."),
         **NOT_MODIFIED,
         **guarded(errors.NOT_FOUND, errors.CONFLICT, errors.INVALID),
     },

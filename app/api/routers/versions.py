@@ -14,7 +14,7 @@ from app.api.deps import KeyDep, ServicesDep
 from app.api.etag import IMMUTABLE, not_modified, tag, tagged
 from app.api.pagination import PagingDep, link_next
 from app.api.rendering import ColourRange
-from app.api.responses import NOT_MODIFIED, OBJECT, RASTER_HEADERS, guarded
+from app.api.responses import NOT_MODIFIED, OBJECT, PNG, RAW, guarded, raster_answer
 from app.api.routing import api_router
 from app.api.schemas.versions import (
     DiffOut,
@@ -29,9 +29,6 @@ from app.engine.types import Float32Array
 from app.services.records import Scope
 
 router = api_router("maps")
-
-PNG = "image/png"
-RAW = "application/octet-stream"
 
 
 class DiffFormat(StrEnum):
@@ -99,14 +96,7 @@ def list_sources(
     dependencies=[any_key()],
     response_model=DiffOut,
     responses={
-        200: {
-            "description": "The difference in numbers, or a raster with its place in `X-Isodyn-*` headers.",
-            "content": {
-                PNG: {"schema": {"type": "string", "contentMediaType": PNG}},
-                RAW: {"schema": {"type": "string", "contentMediaType": RAW}},
-            },
-            "headers": RASTER_HEADERS,
-        },
+        200: raster_answer("The difference in numbers, or a raster with its place in `X-Isodyn-*` headers."),
         **NOT_MODIFIED,
         **guarded(errors.NOT_FOUND, errors.INVALID),
     },

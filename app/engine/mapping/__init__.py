@@ -5,7 +5,7 @@ from app.engine.mapping.kriging import krige, krige_grid, krige_nodes
 from app.engine.mapping.model import Covariance, FieldLevel, FieldSamples, MapModel, field_samples
 from app.engine.mapping.plan import FloorPlan, Polygon
 from app.engine.mapping.routes import RouteProfile, extend_route
-from app.engine.mapping.update import MapUpdate, NewWalk, reach_m, update_map
+from app.engine.mapping.update import MapUpdate, NewWalk, update_map
 
 __all__ = [
     "Covariance",
@@ -23,6 +23,5 @@ __all__ = [
     "krige",
     "krige_grid",
     "krige_nodes",
-    "reach_m",
     "update_map",
 ]

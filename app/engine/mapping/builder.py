@@ -34,9 +34,10 @@ from app.engine.types import (
     WalkReport,
 )
 
-_MARGIN_M = 4.0
-_MAX_NODES = 16_000_000
-_SUPPORT_CAP_M = 50.0
+MARGIN_M = 4.0
+MAX_NODES = 16_000_000
+SUPPORT_CAP_M = 50.0
+"""Distances to the nearest sample beyond this are not told apart, m."""
 
 
 def build_map(
@@ -167,13 +168,13 @@ def _axes(xy: Float64Array, settings: MapBuildSettings, plan: FloorPlan | None) 
     if settings.extent is not None:
         lo, hi = np.array(settings.extent[:2]), np.array(settings.extent[2:])
     else:
-        lo, hi = xy.min(axis=0) - _MARGIN_M, xy.max(axis=0) + _MARGIN_M
+        lo, hi = xy.min(axis=0) - MARGIN_M, xy.max(axis=0) + MARGIN_M
         if plan is not None and plan.extent is not None:
             lo, hi = np.minimum(lo, plan.extent[:2]), np.maximum(hi, plan.extent[2:])
     first = np.floor(lo / settings.cell_m).astype(np.int64)
     last = np.ceil(hi / settings.cell_m).astype(np.int64)
-    if np.prod((last - first + 1).astype(float)) > _MAX_NODES:
-        raise MapError(f"the grid would have more than {_MAX_NODES} nodes; use a larger cell_m or a smaller extent")
+    if np.prod((last - first + 1).astype(float)) > MAX_NODES:
+        raise MapError(f"the grid would have more than {MAX_NODES} nodes; use a larger cell_m or a smaller extent")
     return (
         np.arange(first[0], last[0] + 1) * settings.cell_m,
         np.arange(first[1], last[1] + 1) * settings.cell_m,
@@ -184,8 +185,8 @@ def _support(xy: Float64Array, x: Float64Array, y: Float64Array) -> Float32Array
     """Distance from each node to the nearest sample, m, capped."""
     xx, yy = np.meshgrid(x, y)
     nodes = np.stack([xx.ravel(), yy.ravel()], axis=1)
-    distance, _ = cKDTree(xy).query(nodes, distance_upper_bound=_SUPPORT_CAP_M)
-    return np.minimum(distance, _SUPPORT_CAP_M).reshape(xx.shape).astype(np.float32)
+    distance, _ = cKDTree(xy).query(nodes, distance_upper_bound=SUPPORT_CAP_M)
+    return np.minimum(distance, SUPPORT_CAP_M).reshape(xx.shape).astype(np.float32)
 
 
 def _reports(

@@ -12,6 +12,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from app.engine.errors import InputError, MapError
+from app.engine.mapping.builder import MARGIN_M, MAX_NODES, SUPPORT_CAP_M
 from app.engine.mapping.kriging import LARGEST_BLOCK, krige_nodes
 from app.engine.mapping.model import MapModel, field_samples
 from app.engine.mapping.samples import PlacedSamples, place_samples
@@ -33,9 +34,6 @@ from app.engine.types import (
 
 SQUARE = 64
 """Nodes by which a map grows to the west and south: the side of its stored tiles, whose content then stays."""
-MARGIN_M = 4.0
-MAX_NODES = 16_000_000
-SUPPORT_CAP_M = 50.0
 _WALKED_DEPTH_M = 1.0
 
 Weigher = Callable[[Evidence], Evidence]
@@ -75,11 +73,6 @@ class MapUpdate:
     changed: BoolArray
 
 
-def reach_m(model: MapModel) -> float:
-    """How far a sample's influence on the map goes, m."""
-    return model.covariance.reach_m
-
-
 def update_map(
     current: GridMap,
     evidence: Evidence,
@@ -100,7 +93,7 @@ def update_map(
     current : GridMap
         Of the ``vector`` features.
     evidence : Evidence
-        What ``current`` rests on, at least all of it within three times the :func:`reach_m` of what comes or goes.
+        What ``current`` rests on, at least all of it within three times the covariance's reach of what comes or goes.
     model : MapModel
         Fitted when the map was built.
     walks : sequence of NewWalk
@@ -148,6 +141,10 @@ def _settle(
         except InputError as error:
             reports.append(WalkReport(new.walk.walk_id, 0, 0.0, (), 0.0, rejected=str(error)))
             continue
+        if np.prod(_shape_with(current, placed.xy), dtype=np.float64) > MAX_NODES:
+            far = f"lies so far off that the map would grow beyond {MAX_NODES} nodes; are its waypoints of this level?"
+            reports.append(WalkReport(new.walk.walk_id, 0, 0.0, (), 0.0, rejected=far))
+            continue
         one = settle_walk(placed, current, align=align)
         settled.append((new, one))
         reports.append(_report(placed, one, current))
@@ -183,7 +180,7 @@ def _weighed_near(joined: Evidence, weighed: Evidence, changed_xy: Float32Array,
     """New weights about what came or went; further off evidence may be missing, and weights stay."""
     if not len(changed_xy) or not len(joined):
         return joined
-    distance, _ = cKDTree(changed_xy).query(joined.xy, distance_upper_bound=reach_m(model))
+    distance, _ = cKDTree(changed_xy).query(joined.xy, distance_upper_bound=model.covariance.reach_m)
     surveyed = np.array([source.kind is SourceKind.SURVEY for source in joined.sources], dtype=bool)[joined.source]
     # The build gave rows of surveys that contradict other surveys less: so it stays, unless a change overtakes them.
     # No build gives 0: such a row was overtaken before, and counts again once what told of the change is gone.
@@ -212,22 +209,33 @@ def _keyed(evidence: Evidence, number: dict[str, int]) -> Float64Array:
     return np.column_stack([source, evidence.xy, evidence.values, evidence.weight]).astype(np.float64)
 
 
-def _grown(current: GridMap, xy: Float32Array) -> GridMap:
-    """The map with whole squares added where rows lie beyond its margin; inner squares keep their content."""
-    if not len(xy):
-        return current
+def _more(current: GridMap, xy: Float32Array | Float64Array) -> tuple[int, int, int, int]:
+    """Whole squares to add in the west and south, nodes to add in the east and north, so that rows keep a margin."""
     x_min, y_min, x_max, y_max = current.extent
     lo, hi = xy.min(axis=0) - 0.5 * MARGIN_M, xy.max(axis=0) + 0.5 * MARGIN_M
     side = SQUARE * current.cell_m
     west, south = (max(0, int(np.ceil((edge - v) / side))) for edge, v in ((x_min, lo[0]), (y_min, lo[1])))
-    east, north = (max(0.0, v - edge) for edge, v in ((x_max, hi[0]), (y_max, hi[1])))
-    more = [int(np.ceil(v / current.cell_m)) for v in (east, north)]
-    if not any((west, south, *more)):
+    east, north = (max(0, int(np.ceil((v - edge) / current.cell_m))) for edge, v in ((x_max, hi[0]), (y_max, hi[1])))
+    return west, south, east, north
+
+
+def _shape_with(current: GridMap, xy: Float64Array) -> tuple[int, int]:
+    """Rows and columns of the map once it holds these rows."""
+    west, south, east, north = _more(current, xy)
+    rows, columns = current.shape
+    return rows + SQUARE * south + north, columns + SQUARE * west + east
+
+
+def _grown(current: GridMap, xy: Float32Array) -> GridMap:
+    """The map with whole squares added where rows lie beyond its margin; inner squares keep their content."""
+    west, south, east, north = _more(current, xy) if len(xy) else (0, 0, 0, 0)
+    if not any((west, south, east, north)):
         return current
     rows, columns = current.shape
-    if (rows + SQUARE * south + more[1]) * (columns + SQUARE * west + more[0]) > MAX_NODES:
-        raise MapError(f"the map would grow beyond {MAX_NODES} nodes; is a walk far off the level?")
-    pad = ((SQUARE * south, more[1]), (SQUARE * west, more[0]))
+    if (rows + SQUARE * south + north) * (columns + SQUARE * west + east) > MAX_NODES:
+        raise MapError(f"the map would grow beyond {MAX_NODES} nodes; build one of the level with a larger cell_m")
+    side = SQUARE * current.cell_m
+    pad = ((SQUARE * south, north), (SQUARE * west, east))
 
     def wider(layer: Float32Array, fill: float) -> Float32Array:
         return np.pad(layer, pad, constant_values=fill).astype(np.float32)
@@ -255,7 +263,7 @@ def _krige_near(
     x: Float64Array = grid_map.x0 + grid_map.cell_m * np.arange(columns, dtype=np.float64)
     y: Float64Array = grid_map.y0 + grid_map.cell_m * np.arange(rows, dtype=np.float64)
     nodes = np.stack([part.ravel() for part in np.meshgrid(x, y)], axis=1)
-    reach = reach_m(model) + LARGEST_BLOCK * grid_map.cell_m  # nodes of a block share their neighbours
+    reach = model.covariance.reach_m + LARGEST_BLOCK * grid_map.cell_m  # nodes of a block share their neighbours
     apart = np.asarray(cKDTree(changed_xy).query(nodes, distance_upper_bound=max(reach, SUPPORT_CAP_M))[0])
     changed: BoolArray = np.reshape(apart <= reach, (rows, columns))
     used = evidence.subset(evidence.weight > 0.0)

@@ -7,7 +7,7 @@ from collections.abc import Set as AbstractSet
 from dataclasses import asdict, replace
 from typing import Any
 
-from sqlalchemy import ColumnElement, Row, Table, func, insert, literal, not_, null, select, update
+from sqlalchemy import Column, ColumnElement, Row, Table, func, insert, literal, not_, null, select, update
 
 from app.engine.types import Evidence, FeatureSet, GridMap, MapBuildSettings, WalkReport
 from app.services.ports import Box
@@ -138,7 +138,9 @@ class SqlMapRepository(Repository):
         """Ids of all walks and contributions that went into a version, or were found unfit for it."""
         known: set[str] = set()
         gone: set[str] = set()
-        for version in self._chain(map_id):  # from the newest back, so that what was taken out and added again counts
+        for version in self._chain(
+            map_id, maps.c.added, maps.c.removed
+        ):  # from the newest back, so that what was taken out and added again counts
             known |= set(version.added or ()) - gone
             gone |= set(version.removed or ()) - known
         return known
@@ -146,21 +148,21 @@ class SqlMapRepository(Repository):
     def reports(self, map_id: str) -> Mapping[str, WalkReport]:
         """Reports about the walks of a version by walk id: of its build, and of the updates since."""
         reports: dict[str, WalkReport] = {}
-        for version in reversed(self._chain(map_id)):
+        for version in reversed(self._chain(map_id, maps.c.removed, maps.c.walks)):
             for walk_id in version.removed or ():
                 reports.pop(walk_id, None)
             reports |= {report.walk_id: report for report in map(_report, version.walks)}
         return reports
 
-    def _chain(self, map_id: str) -> Sequence[Row[Any]]:
-        """A version, those that it is an update of, and the build they began with; newest first."""
+    def _chain(self, map_id: str, *columns: Column[Any]) -> Sequence[Row[Any]]:
+        """Columns of a version, of those that it is an update of, and of the build they began with; newest first."""
         first = select(maps.c.id, maps.c.parent_id, maps.c.kind, literal(0).label("depth")).where(maps.c.id == map_id)
         chain = first.cte("chain", recursive=True)
         before = select(maps.c.id, maps.c.parent_id, maps.c.kind, (chain.c.depth + 1).label("depth"))
         chain = chain.union_all(
             before.join(chain, maps.c.id == chain.c.parent_id).where(chain.c.kind == MapKind.UPDATE)
         )
-        wanted = select(maps.c.added, maps.c.removed, maps.c.walks).join(chain, chain.c.id == maps.c.id)
+        wanted = select(*columns).join(chain, chain.c.id == maps.c.id)
         rows = self._read(wanted.order_by(chain.c.depth)).all()
         if not rows:
             self.get(map_id)  # NotFoundError
