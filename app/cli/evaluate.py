@@ -45,6 +45,13 @@ class Through(StrEnum):
     HTTP = "http"
 
 
+Ilc20Data = Annotated[
+    Path, typer.Option("--data", help="Folder that holds ilc20/<site>-<floor>/ (or that folder itself).")
+]
+Levels = Annotated[
+    str,
+    typer.Option(help="Names separated by commas, such as site1-F2,site1-B1.", show_default="all that are found"),
+]
 Jobs = Annotated[int, typer.Option(min=1, help="Walks side by side.")]
 JsonFile = Annotated[Path | None, typer.Option("--json", help="Write the report here: every walk, every error.")]
 Plots = Annotated[Path | None, typer.Option(help="Folder for one plot a walk and the error distribution.")]
@@ -60,11 +67,8 @@ def evaluate() -> None:
 @app.command("ilc20")
 @reported
 def ilc20(
-    data: Annotated[Path, typer.Option(help="Folder that holds ilc20/<site>-<floor>/ (or that folder itself).")],
-    levels: Annotated[
-        str,
-        typer.Option(help="Names separated by commas, such as site1-F2,site1-B1.", show_default="all that are found"),
-    ] = "",
+    data: Ilc20Data,
+    levels: Levels = "",
     scenario: Annotated[
         Scenario, typer.Option(help="tracking: start known within 3 m; cold: the level; venue: the building.")
     ] = Scenario.TRACKING,
@@ -106,7 +110,7 @@ def ilc20(
 
     options = protocol.EvaluationOptions(
         data=data,
-        levels=tuple(name.strip() for name in levels.split(",") if name.strip()),
+        levels=_names(levels),
         scenario=protocol.Scenario(scenario.value),
         aids=protocol.Aids.parse(aids),
         through=protocol.Through(through.value),
@@ -125,10 +129,8 @@ def ilc20(
 @app.command("forecast")
 @reported
 def forecast(
-    data: Annotated[Path, typer.Option(help="Folder that holds ilc20/<site>-<floor>/ (or that folder itself).")],
-    levels: Annotated[
-        str, typer.Option(help="Names separated by commas, such as site1-F2.", show_default="all that are found")
-    ] = "",
+    data: Ilc20Data,
+    levels: Levels = "",
     json_file: JsonFile = None,
     limit: Annotated[int | None, typer.Option(min=1, help="At most so many walks left out a level.")] = None,
 ) -> None:
@@ -142,7 +144,7 @@ def forecast(
     from app.evaluation.forecast import run_forecast
     from app.evaluation.protocol import EvaluationOptions
 
-    named = tuple(name.strip() for name in levels.split(",") if name.strip())
+    named = _names(levels)
     options = EvaluationOptions(data=data, levels=named, limit=limit)
     publish(with_progress(lambda progress: run_forecast(options, say=progress)), json_file)
 
@@ -204,10 +206,8 @@ def uji(
 @app.command("field")
 @reported
 def field(
-    data: Annotated[Path, typer.Option(help="Folder that holds ilc20/<site>-<floor>/ (or that folder itself).")],
-    levels: Annotated[
-        str, typer.Option(help="Names separated by commas, such as site1-F2,site1-B1.", show_default="all of them")
-    ] = "",
+    data: Ilc20Data,
+    levels: Levels = "",
     json_file: JsonFile = None,
 ) -> None:
     """Score the maps themselves: the field they predict along walks that they have not seen, and their deviation.
@@ -219,18 +219,15 @@ def field(
     """
     from app.evaluation.field import FieldOptions, run_field
 
-    options = FieldOptions(data=data, levels=tuple(name.strip() for name in levels.split(",") if name.strip()))
+    options = FieldOptions(data=data, levels=_names(levels))
     publish(with_progress(lambda progress: run_field(options, progress)), json_file)
 
 
 @app.command("crowd")
 @reported
 def crowd(
-    data: Annotated[Path, typer.Option(help="Folder that holds ilc20/<site>-<floor>/ (or that folder itself).")],
-    levels: Annotated[
-        str,
-        typer.Option(help="Names separated by commas, such as site1-F2,site1-B1.", show_default="all that are found"),
-    ] = "",
+    data: Ilc20Data,
+    levels: Levels = "",
     rounds: Annotated[
         int, typer.Option(min=1, help="Times that the sessions are located anew on the map they have made.")
     ] = 2,
@@ -258,7 +255,7 @@ def crowd(
 
     options = CrowdOptions(
         data=data,
-        levels=tuple(name.strip() for name in levels.split(",") if name.strip()),
+        levels=_names(levels),
         rounds=rounds,
         aids=Aids.parse(aids),
         left_out=left_out,
@@ -271,11 +268,8 @@ def crowd(
 @app.command("fleet")
 @reported
 def fleet(
-    data: Annotated[Path, typer.Option(help="Folder that holds ilc20/<site>-<floor>/ (or that folder itself).")],
-    levels: Annotated[
-        str,
-        typer.Option(help="Names separated by commas, such as site1-F2,site1-B1.", show_default="all that are found"),
-    ] = "",
+    data: Ilc20Data,
+    levels: Levels = "",
     folds: Annotated[int, typer.Option(min=2, help="Parts in which the train walks are left out.")] = 4,
     track: Annotated[
         bool, typer.Option("--track/--no-track", help="Replay the left-out walks, or compare offsets only.")
@@ -292,7 +286,7 @@ def fleet(
     """
     from app.evaluation.fleet import FleetOptions, run_fleet
 
-    wanted = tuple(name.strip() for name in levels.split(",") if name.strip())
+    wanted = _names(levels)
     options = FleetOptions(data=data, levels=wanted, folds=folds, track=track, method=method)
     publish(with_progress(lambda progress: run_fleet(options, progress)), json_file)
 
@@ -355,6 +349,11 @@ def plot(
         if missing:
             raise InputFileError(file, f"is not a report: it lacks {', '.join(sorted(missing))}")
     typer.echo(plot_reports(contents, out))
+
+
+def _names(listed: str) -> tuple[str, ...]:
+    """Names of a list that commas separate."""
+    return tuple(name.strip() for name in listed.split(",") if name.strip())
 
 
 def with_progress(work: Callable[[Progress], R]) -> R:
