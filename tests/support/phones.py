@@ -203,3 +203,71 @@ def xyz(row: Float64Array) -> dict[str, object]:
 def ns(t: float) -> int:
     """Seconds to nanoseconds, to the microsecond."""
     return round(t * 1e6) * 1000
+
+
+PAUSE_S = 40.0
+"""Between the two runs of an experiment that was paused."""
+
+
+def phyphox_bodies(
+    samples: ImuSamples, *, ios: bool = False, interval_s: float = 1.0, timed: bool = True, pressure: bool = False
+) -> list[bytes]:
+    """What the experiment sends, one body every ``interval_s`` seconds; ``timed``: with the phone's clock."""
+    start = float(samples.t[0]) - 0.2
+    t = np.round(samples.t - start, 6)
+    bodies = []
+    for k in range(int(t[-1] // interval_s) + 1):
+        rows = np.flatnonzero((t >= k * interval_s) & (t < (k + 1) * interval_s))
+        body: dict[str, object] = {"uniqueID": "0123456789abcdef", "deviceModel": "iPhone12,1" if ios else "Pixel 6a"}
+        for name, values in (("m", samples.mag), ("a", -samples.acc if ios else samples.acc), ("g", samples.gyro)):
+            body |= {f"{name}{axis}": values[rows, i].tolist() for i, axis in enumerate("xyz")}
+            body[f"{name}t"] = t[rows].tolist()
+        if pressure:
+            body |= {"p": [1003.25], "pt": [float(t[rows[0]])]}
+        if timed:
+            began = {"event": "START", "experimentTime": 0, "systemTime": round(start, 3)}
+            body["time"] = {"now": start + (k + 1) * interval_s, "events": [began]}
+        bodies.append(json.dumps(body).encode())
+    return bodies
+
+
+def phyphox_zip(
+    samples: ImuSamples,
+    *,
+    ios: bool = False,
+    delimiter: str = ",",
+    decimal: str = ".",
+    dated: bool = True,
+    paused_at: int | None = None,
+) -> bytes:
+    """A CSV export of phyphox, one table a sensor; ``paused_at``: the experiment stood still before that sample."""
+    start = round(float(samples.t[0]) - 0.5, 3)
+    t = samples.t - start
+    events = [("START", 0.0, start)]
+    if paused_at is not None:
+        t = np.where(np.arange(len(t)) >= paused_at, t - PAUSE_S, t)
+        began = float(t[paused_at]) - 0.005
+        events += [("PAUSE", began, start + began), ("START", began, start + began + PAUSE_S)]
+    tables = {
+        "Magnetometer": ("Magnetic Field {} (µT)", samples.mag),
+        "Accelerometer": ("Acceleration {} (m/s^2)", -samples.acc if ios else samples.acc),
+        "Gyroscope": ("Gyroscope {} (rad/s)", samples.gyro),
+    }
+    out = io.BytesIO()
+    with zipfile.ZipFile(out, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, (label, values) in tables.items():
+            labels = ["Time (s)", *(label.format(axis) for axis in "xyz"), "Absolute (x)"]
+            lines = [delimiter.join(f'"{one}"' for one in labels)]
+            for at_s, row in zip(t, values, strict=True):
+                cells = [at_s, *row, float(np.linalg.norm(row))]
+                lines.append(delimiter.join(f"{one:.9E}".replace(".", decimal) for one in cells))
+            archive.writestr(f"{name}.csv", "\n".join(lines) + "\n")
+        model = "iPhone12,1" if ios else "Pixel 6a"
+        archive.writestr("meta/device.csv", f'"property"{delimiter}"value"\n"deviceModel"{delimiter}"{model}"\n')
+        if dated:
+            rows = [
+                delimiter.join([f'"{kind}"', f"{one:.9E}".replace(".", decimal), f"{system:.3f}".replace(".", decimal)])
+                for kind, one, system in events
+            ]
+            archive.writestr("meta/time.csv", "\n".join([delimiter.join(['"event"', '"experiment time"']), *rows]))
+    return out.getvalue()

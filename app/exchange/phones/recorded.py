@@ -110,6 +110,10 @@ class Table:
             raise FormatError(name, f"has {len(header)} columns; at most {MAX_CELLS} are read")
         return cls(name, tuple(one.strip() for one in header), delimiter, text)
 
+    def label(self, place: int) -> str:
+        """What a column is called, for an error."""
+        return self.header[place][:40] if place < len(self.header) else f"column {place + 1}"
+
     def rows(self) -> Iterator[tuple[int, list[str]]]:
         """Line number and cells of each row below the header; of empty lines no cells."""
         cells = _cells(self.text, self.delimiter, self.name)

@@ -119,7 +119,7 @@ def _columns(table: Table, sensors: Mapping[Sensor, Sequence[int]], collector: C
         where = f"{table.name} line {line}"
         t_ns = time_ns(row[time], f"{where}: time")
         for sensor, places in sensors.items():
-            values = [from_text(row[place], f"{where}: {table.header[place][:40]}") for place in places]
+            values = [from_text(row[place], f"{where}: {table.label(place)}") for place in places]
             # tables of several sensors have empty cells wherever another sensor reads
             if not (several and all(map(math.isnan, values))):
                 collector.add(sensor, t_ns, values)
@@ -179,7 +179,7 @@ def _combined(header: Sequence[str]) -> dict[Sensor, list[int]]:
     """Columns of each sensor that has all of its values."""
     found: dict[Sensor, dict[str, int]] = {}
     for place, name in enumerate(header):
-        parted = _SEPARATED.match(name.strip())
+        parted = _SEPARATED.match(name[:100])
         if parted and (sensor := NAMES.get(parted.group(1).lower())) is not None:
             found.setdefault(sensor, {}).setdefault(parted.group(2).lower(), place)
     wanted = {sensor: [name.lower() for name in values_of(sensor)] for sensor in found}
