@@ -6,6 +6,7 @@ import fcntl
 import sys
 from collections.abc import AsyncIterator, Iterator, Mapping
 from contextlib import ExitStack, asynccontextmanager, contextmanager
+from datetime import timedelta
 from pathlib import Path
 from types import FrameType
 
@@ -15,6 +16,7 @@ from fastapi import FastAPI
 from starlette.concurrency import run_in_threadpool
 
 from app.api import create_api
+from app.api.checks import Checks
 from app.services.clock import utc_now
 from app.services.container import build_services
 from app.services.tasks import LocateTask
@@ -28,6 +30,7 @@ from app.workers.broker import JobBroker
 from app.workers.events import JobEvents
 from app.workers.kinds import build_work, contribute_work, segment_work
 from app.workers.live import SessionHub
+from app.workers.periodic import Periodic
 from app.workers.pools import InlineExecutor, ThreadExecutor
 from app.workers.processes import ProcessExecutor
 from app.workers.runner import JobRunner, Lane
@@ -37,6 +40,8 @@ Pool = InlineExecutor | ThreadExecutor | ProcessExecutor
 
 _SPARE_JOBS = 2
 """Jobs with a pool beyond its workers, so that a worker finds the next one at once."""
+_SWEEP_S = 5.0
+"""How often recordings that fell silent are looked for."""
 _ABANDON_S = 5.0
 """How long threads may take to notice that their workers are gone."""
 _BANNER = """
@@ -89,6 +94,7 @@ class Application:
             cache=FileMapCache(settings.map_cache_dir, max_bytes=settings.map_cache_bytes),
             listener=events,
             watchers=self.hub,
+            checks=Checks(),
             locate_task=locate,
             smooth_task=SmoothSession(open_map, settings.maps_per_worker),
             replay_task=ReplaySession(open_map, settings.maps_per_worker),
@@ -98,6 +104,8 @@ class Application:
         # The broker first: someone waits there.
         for listener in (self.broker, self.hub, self.runner, self.metrics):
             events.add(listener)
+        silence = timedelta(seconds=settings.recording_silence_s)
+        self.sweeper = Periodic("recordings", _SWEEP_S, lambda: self.services.recordings.close_silent(silence))
         self._stack = ExitStack()
         self.metrics.workers.set_function(lambda: self.segment_pool.alive)
 
@@ -115,6 +123,8 @@ class Application:
                 pool.start()
             self.runner.start()
             stack.callback(self._drain)
+            self.sweeper.start()
+            stack.callback(self.sweeper.stop)
             self._stack = stack.pop_all()
         _log.info(
             "service started",

@@ -113,6 +113,11 @@ def public() -> DependsParam:
     return _depends(_PublicAccess(None, public=True))
 
 
+def by_token() -> DependsParam:
+    """Declare that a route checks a token in its path itself."""
+    return _depends(_TokenAccess(None, public=True))
+
+
 def current_key(request: Request) -> ApiKey:
     """Return the key this request was authenticated with."""
     key = getattr(request.state, "key", None)
@@ -131,6 +136,17 @@ class _PublicAccess(Access):
 
     def __call__(self) -> None:  # type: ignore[override]
         """Do nothing."""
+
+
+class _TokenAccess(_PublicAccess):
+    """Access by the token in the path."""
+
+
+def scope_word(access: Access) -> str:
+    """What a route asks of its caller, in a word: a scope, ``any`` key, ``token`` in the path, ``none``."""
+    if access.public:
+        return "token" if isinstance(access, _TokenAccess) else "none"
+    return "any" if access.scope is None else access.scope.value
 
 
 def _depends(access: Access) -> DependsParam:

@@ -11,6 +11,9 @@ from app.services.device_models import DeviceModelService
 from app.services.devices import DeviceService
 from app.services.exchange import ExchangeService
 from app.services.idempotency import IdempotencyService
+from app.services.ingest.ports import UploadChecks
+from app.services.ingest.recordings import RecordingService
+from app.services.ingest.tokens import IngestTokenService
 from app.services.jobs import JobService
 from app.services.live import LiveService, SessionListener
 from app.services.locate import LocateService
@@ -47,6 +50,8 @@ class Services:
     planning: PlanningService
     sessions: SessionService
     live: LiveService
+    ingest_tokens: IngestTokenService
+    recordings: RecordingService
     locate: LocateService
     trajectories: TrajectoryService
     replays: ReplayService
@@ -66,6 +71,7 @@ def build_services(
     cache: MapCache,
     listener: JobListener,
     watchers: SessionListener,
+    checks: UploadChecks,
     locate_task: LocateTask,
     smooth_task: SmoothTask,
     replay_task: ReplayTask,
@@ -98,6 +104,10 @@ def build_services(
             check=check,
         ),
         live=LiveService(uow=uow, clock=clock),
+        ingest_tokens=IngestTokenService(uow=uow, clock=clock),
+        recordings=RecordingService(
+            uow=uow, clock=clock, checks=checks, listener=listener, watchers=watchers, max_queued=max_queued
+        ),
         locate=LocateService(uow=uow, clock=clock, executor=executor, cache=cache, task=locate_task, check=check),
         trajectories=TrajectoryService(uow=uow, clock=clock, executor=executor, cache=cache, task=smooth_task),
         replays=ReplayService(uow=uow, clock=clock, executor=executor, cache=cache, task=replay_task),

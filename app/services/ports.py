@@ -26,6 +26,7 @@ from app.engine.types import (
     WalkReport,
 )
 from app.services.aids import Recording
+from app.services.ingest.ports import IngestRepository
 from app.services.records import (
     Anchor,
     ApiKey,
@@ -471,6 +472,7 @@ class UnitOfWork(Protocol):
     jobs: JobRepository
     keys: KeyRepository
     idempotency: IdempotencyRepository
+    ingest: IngestRepository
 
     def stats(self) -> Stats: ...
 

@@ -39,7 +39,7 @@ class SurveyService(Service):
 
     def add_walk(self, survey_id: str, new: NewWalk) -> tuple[Walk, bool]:
         """Store a walk. The flag says that this content was there already: then nothing is stored."""
-        walk = _walk_of(survey_id, new, self._clock())
+        walk = new_walk_record(survey_id, new, self._clock())
         with self._uow(write=True) as uow:
             uow.surveys.get(survey_id)
             known = uow.surveys.find_walk(survey_id, new.content_hash)
@@ -77,7 +77,8 @@ def _of_survey(survey_id: str, walk: Walk) -> Walk:
     return walk
 
 
-def _walk_of(survey_id: str, new: NewWalk, now: datetime) -> Walk:
+def new_walk_record(survey_id: str, new: NewWalk, now: datetime) -> Walk:
+    """A walk as it is stored, without its samples."""
     return Walk(
         id=new_id("wlk", now),
         survey_id=survey_id,

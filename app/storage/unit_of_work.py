@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from sqlalchemy import Connection
 
+from app.services.ingest.ports import IngestRepository
 from app.services.ports import (
     ContributionRepository,
     DeviceModelRepository,
@@ -23,6 +24,7 @@ from app.storage.repositories.contributions import SqlContributionRepository
 from app.storage.repositories.device_models import SqlDeviceModelRepository
 from app.storage.repositories.devices import SqlDeviceRepository
 from app.storage.repositories.idempotency import SqlIdempotencyRepository
+from app.storage.repositories.ingest import SqlIngestRepository
 from app.storage.repositories.jobs import SqlJobRepository
 from app.storage.repositories.keys import SqlKeyRepository
 from app.storage.repositories.levels import SqlLevelRepository
@@ -51,6 +53,7 @@ class SqlUnitOfWork:
         self.jobs: JobRepository = SqlJobRepository(connection, writable=writable)
         self.keys: KeyRepository = SqlKeyRepository(connection, writable=writable)
         self.idempotency: IdempotencyRepository = SqlIdempotencyRepository(connection, writable=writable)
+        self.ingest: IngestRepository = SqlIngestRepository(connection, writable=writable)
 
     def stats(self) -> Stats:
         """Counts of everything stored."""

@@ -14,6 +14,7 @@ import numpy as np
 from fastapi import FastAPI
 
 from app.api import create_api
+from app.api.checks import Checks
 from app.engine.types import Float64Array, ImuSamples
 from app.services.aids import Aids
 from app.services.container import Services, build_services
@@ -124,6 +125,7 @@ class Api:
             cache=FileMapCache(folder / "maps"),
             listener=self.events,
             watchers=self.hub,
+            checks=Checks(),
             locate_task=answer_locate,
             smooth_task=answer_smooth,
             replay_task=answer_replay,

@@ -15,6 +15,7 @@ from typing import TypeVar
 
 import numpy as np
 
+from app.api.checks import Checks
 from app.engine.types import (
     DeviceCalibration,
     Evidence,
@@ -385,6 +386,7 @@ class World:
             cache=map_cache,
             listener=listener,
             watchers=SessionHub(),
+            checks=Checks(),
             locate_task=answer_locate,
             smooth_task=answer_smooth,
             replay_task=answer_replay,
