@@ -16,7 +16,7 @@ from app.exchange.phones import phyphox_files, sensor_logger_files
 from app.exchange.phones.assembly import Assembled, PhoneFrame, assemble, missing
 from app.exchange.phones.collecting import plausible
 from app.exchange.phones.errors import FormatError
-from app.exchange.phones.readings import NS, Readings, Sensor, Series
+from app.exchange.phones.readings import MAX_TIME_NS, MIN_TIME_NS, NS, Readings, Sensor, Series
 from app.exchange.phones.recorded import Recorded, is_zip
 from app.exchange.surveys.getsensordata import LogChoices, SensorLog, read_sensor_log
 from app.exchange.surveys.recording import Findings
@@ -139,9 +139,11 @@ def _of_log(log: SensorLog) -> Recorded:
     }  # fmt: skip
     series = {}
     for name, (t, values) in log.readings.items():
-        t_ns = np.round(t * 1e6).astype(np.int64) * (NS // 1_000_000)
         true = np.array([plausible(names[name], row) for row in values.tolist()], dtype=bool)
-        series[names[name]] = Series.ordered(t_ns[true], values[true])
+        true &= (t >= MIN_TIME_NS / NS) & (t <= MAX_TIME_NS / NS)
+        t_ns = np.round(t[true] * 1e6).astype(np.int64) * (NS // 1_000_000)
+        if true.any():
+            series[names[name]] = Series.ordered(t_ns, values[true])
     return Recorded(Readings(series), PhoneFrame.ANDROID)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import io
 import json
 import os
@@ -17,12 +18,15 @@ from hypothesis import strategies as st
 from app.engine.errors import InputError
 from app.engine.types import ImuSamples
 from app.exchange.phones import PhoneFrame, Readings, assemble
+from app.exchange.phones.files import FileChoices, PhoneFormat, Trip, read_trip
 from app.exchange.phones.phyphox import read_body
 from app.exchange.phones.phyphox_files import read_export as read_phyphox
+from app.exchange.phones.places import position_of, read_markers
 from app.exchange.phones.readings import in_time
 from app.exchange.phones.sensor_logger import NAMES, read_message
 from app.exchange.phones.sensor_logger_files import read_export as read_sensor_logger
-from tests.exchange.recordings import WALK
+from app.exchange.surveys import Findings
+from tests.exchange.recordings import WALK, log_of
 from tests.support.phones import (
     Phone,
     phyphox_bodies,
@@ -59,22 +63,13 @@ def valid() -> dict[str, list[bytes]]:
     return {
         "message": messages[:2],
         "body": phyphox_bodies(short, interval_s=0.4, pressure=True)[:2],
-        "sensor logger": [zipped, stored(zipped), sensor_logger_json(short, WALK.waypoints), combined],
+        "sensor logger": [zipped, sensor_logger_json(short, WALK.waypoints), combined],
         "phyphox": [
             phyphox_zip(short),
-            stored(phyphox_zip(short, ios=True, delimiter=";", decimal=",")),
+            phyphox_zip(short, ios=True, delimiter=";", decimal=","),
             "Time (s),X (µT),Y (µT),Z (µT)\n0.1,1,2,3\n0.2,4,5,NaN\n".encode(),
         ],
     }
-
-
-def stored(content: bytes) -> bytes:
-    """An archive uncompressed and without its checksums, so that changed bytes reach what reads the tables."""
-    out = io.BytesIO()
-    with zipfile.ZipFile(io.BytesIO(content)) as source, zipfile.ZipFile(out, "w", zipfile.ZIP_STORED) as target:
-        for name in source.namelist():
-            target.writestr(name, source.read(name))
-    return out.getvalue()
 
 
 def check(reader: str, content: bytes) -> None:
@@ -106,22 +101,37 @@ def test_random_bytes(reader: str, content: bytes, start: bytes) -> None:
 
 
 @st.composite
-def mutations(draw: Callable[..., object], reader: str) -> bytes:
-    """A valid one with bytes changed, cut, doubled, or with a piece of another in it."""
-    content = bytearray(draw(st.sampled_from(valid()[reader])))  # type: ignore[arg-type]
-    for _ in range(draw(st.integers(1, 4))):  # type: ignore[arg-type]
+def mutations(draw: st.DrawFn, reader: str) -> bytes:
+    """A valid one, mutated; of an archive mostly a table in it, for archives have checksums."""
+    content = draw(st.sampled_from(valid()[reader]))
+    if not content.startswith(b"PK") or draw(st.integers(0, 3)) == 0:
+        return mutated(draw, content)
+    out = io.BytesIO()
+    with zipfile.ZipFile(io.BytesIO(content)) as source, zipfile.ZipFile(out, "w") as target:
+        names = source.namelist()
+        chosen = draw(st.sampled_from(names))
+        for name in names:
+            table = source.read(name)
+            target.writestr(name, mutated(draw, table) if name == chosen else table)
+    return out.getvalue()
+
+
+def mutated(draw: st.DrawFn, original: bytes) -> bytes:
+    """Bytes changed, cut, doubled, or with a piece of something else among them."""
+    content = bytearray(original)
+    for _ in range(draw(st.integers(1, 4))):
         at = draw(st.integers(0, max(0, len(content) - 1)))
         kind = draw(st.sampled_from(["change", "cut", "double", "insert", "end"]))
         if kind == "change":
-            content[at : at + 1] = bytes([draw(st.integers(0, 255))])  # type: ignore[list-item]
+            content[at : at + 1] = bytes([draw(st.integers(0, 255))])
         elif kind == "cut":
-            del content[at : at + draw(st.integers(1, 200))]  # type: ignore[operator]
+            del content[at : at + draw(st.integers(1, 200))]
         elif kind == "double":
-            content[at:at] = content[at : at + draw(st.integers(1, 200))]  # type: ignore[operator]
+            content[at:at] = content[at : at + draw(st.integers(1, 200))]
         elif kind == "end":
             del content[at:]
         else:
-            content[at:at] = draw(st.sampled_from(TOKENS))  # type: ignore[call-overload]
+            content[at:at] = draw(st.sampled_from(TOKENS))
     return bytes(content)
 
 
@@ -203,8 +213,44 @@ def test_tables_of_any_shape(tables: dict[str, tuple[list[str], list[list[str]]]
     check("sensor logger", out.getvalue())
 
 
+LINE = st.tuples(
+    st.sampled_from(["MAGN", "ACCE", "GYRO", "PRES", "GNSS", "POSI", "WIFI", "BLE4", "%"]),
+    st.lists(
+        st.floats(-2e12, 2e12).map(repr)
+        | st.sampled_from(["", "x", "nan", "1e12", "a4:2b:8c:91:00:f7", "0.02", "0.04"]),
+        max_size=9,
+    ),
+).map(lambda parts: ";".join([parts[0], *parts[1]]))
+
+
+@CALM
+@given(lines=st.lists(LINE, max_size=12), valid=st.booleans())
+def test_logs_of_any_shape(lines: list[str], valid: bool) -> None:
+    content = (log_of()[:9000] if valid else b"") + "\n".join(lines).encode()
+    found: Trip | None = None
+    with contextlib.suppress(InputError):
+        found = read_trip(content, PhoneFormat.GETSENSORDATA, FileChoices(radio=True), Findings())
+    if found is not None and (samples := found.assembled.samples) is not None:
+        assert (np.diff(samples.t) > 0).all()
+        assert np.isfinite(samples.acc).all()
+
+
+@CALM
+@given(text=st.text(max_size=120), content=st.binary(max_size=200))
+def test_annotations_and_markers_of_any_shape(text: str, content: bytes) -> None:
+    position = position_of(text, {})
+    assert position is None or all(abs(value) <= 1e6 for value in position)
+    for start in (b"", b"name,x,y\n", b"name;x;y\nDoor;"):
+        markers = {}
+        with contextlib.suppress(InputError):
+            markers = read_markers(start + content)
+        assert all(np.isfinite(place).all() for place in markers.values())
+
+
 def test_what_takes_long_to_read_is_refused_or_read_soon() -> None:
     """Nested, repeated and endless content, at the sizes that a request may have."""
+    assert position_of("1 " * 2**20, {}) is None
+    assert position_of("x" + " " * 2**20, {}) is None
     for content in (b"[" * 2**20, b'{"payload":[' + b"{}," * 10_000, b"9" * 2**20, b"NaN" + b"9" * 2**20, b'"' * 2**20):
         for reader in READERS:
             check(reader, content)
