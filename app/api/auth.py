@@ -76,6 +76,8 @@ class Access:
 
     scope: Scope | None
     public: bool = False
+    by_token: bool = False
+    """Open to whoever has the token in the path, which the route checks itself."""
 
     async def check(self, request: Request) -> None:
         """Authenticate, count against the rate limit, and compare the scope."""
@@ -115,7 +117,7 @@ def public() -> DependsParam:
 
 def by_token() -> DependsParam:
     """Declare that a route checks a token in its path itself."""
-    return _depends(_TokenAccess(None, public=True))
+    return _depends(_PublicAccess(None, public=True, by_token=True))
 
 
 def current_key(request: Request) -> ApiKey:
@@ -138,14 +140,10 @@ class _PublicAccess(Access):
         """Do nothing."""
 
 
-class _TokenAccess(_PublicAccess):
-    """Access by the token in the path."""
-
-
 def scope_word(access: Access) -> str:
     """What a route asks of its caller, in a word: a scope, ``any`` key, ``token`` in the path, ``none``."""
     if access.public:
-        return "token" if isinstance(access, _TokenAccess) else "none"
+        return "token" if access.by_token else "none"
     return "any" if access.scope is None else access.scope.value
 
 

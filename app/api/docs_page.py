@@ -76,8 +76,6 @@ def _section(document: dict[str, Any], tag: dict[str, Any]) -> str:
 def _call(document: dict[str, Any], method: str, path: str, operation: dict[str, Any]) -> str:
     declared = operation["x-isodyn-scope"]
     scope = _SCOPES.get(declared, declared)
-        operation["x-isodyn-scope"], operation["x-isodyn-scope"]
-    )
     parts = [
         f"<p>{_text(operation.get('description', ''))}</p>",
         _parameters(operation.get("parameters", [])),

@@ -8,7 +8,7 @@ from collections.abc import Callable
 import pytest
 from fastapi.routing import iter_route_contexts
 
-from app.api.auth import KEY_CACHE_S, Access, KeyCache
+from app.api.auth import KEY_CACHE_S, Access, KeyCache, scope_word
 from app.api.routing import ApiRoute, UndeclaredAccessError, api_router
 from app.services.records import ApiKey, Scope
 from tests.api.harness import Api
@@ -16,6 +16,7 @@ from tests.support.builders import START
 
 LOCATE, SURVEY, ADMIN = Access(Scope.LOCATE), Access(Scope.SURVEY), Access(Scope.ADMIN)
 ANY, PUBLIC = Access(None), Access(None, public=True)
+TOKEN = Access(None, public=True, by_token=True)
 
 TABLE = {
     "GET /healthz": PUBLIC,
@@ -25,6 +26,19 @@ TABLE = {
     "GET /openapi.json": PUBLIC,
     "GET /v1/sessions/{session_id}/events": LOCATE,
     "GET /v1/live": LOCATE,
+    "POST /v1/ingest-tokens": LOCATE,
+    "GET /v1/ingest-tokens": LOCATE,
+    "GET /v1/ingest-tokens/{token_id}": LOCATE,
+    "DELETE /v1/ingest-tokens/{token_id}": LOCATE,
+    "POST /v1/ingest/sensor-logger/{token}": TOKEN,
+    "POST /v1/ingest/phyphox/{token}": TOKEN,
+    "GET /v1/ingest/phyphox/{token}/experiment.phyphox": TOKEN,
+    "GET /v1/recordings": LOCATE,
+    "GET /v1/recordings/{recording_id}": LOCATE,
+    "POST /v1/recordings/{recording_id}/close": LOCATE,
+    "PUT /v1/recordings/{recording_id}/waypoints": SURVEY,
+    "GET /v1/levels/{level_id}/markers": ANY,
+    "PUT /v1/levels/{level_id}/markers": SURVEY,
     "POST /v1/venues": SURVEY,
     "GET /v1/venues": ANY,
     "GET /v1/venues/{venue_id}": ANY,
@@ -108,7 +122,7 @@ def routes_of(api: Api) -> dict[str, Access]:
         assert isinstance(route, ApiRoute), f"{context.path} is not an ApiRoute: nothing checks its caller"
         for method in route.methods or ():
             found[f"{method} {route.path.replace(':path}', '}')}"] = Access(
-                route.access.scope, public=route.access.public
+                route.access.scope, public=route.access.public, by_token=route.access.by_token
             )
     return found
 
@@ -143,8 +157,16 @@ def test_the_matrix(api: Api) -> None:
 
 def test_public_routes_need_no_key(api: Api) -> None:
     for name, access in TABLE.items():
-        if access.public:
+        if scope_word(access) == "none":
             assert call(api, name, None)[0] == 200, name
+
+
+def test_routes_with_a_token_in_the_path_refuse_another_one(api: Api) -> None:
+    for name, access in TABLE.items():
+        if scope_word(access) == "token":
+            method, path = name.split()
+            answer = api.call(method, path.replace("{token}", "isi_unknown"), key=None, json={})
+            assert (answer.status_code, "isi_unknown" in answer.text) == (499, False), name
 
 
 @pytest.mark.parametrize(

@@ -70,13 +70,7 @@ class IngestTokenIn(In):
     """A token to make: which device may send what to where."""
 
     model_config = example(
-        {
-            "name": "Ada's phone",
-            "app": "sensor-logger",
-            "purpose": "locate",
-            "device_id": DEVICE_ID,
-            "level_id": LEVEL_ID,
-        }
+        {"name": "Ada's phone", "app": "sensor-logger", "device_id": DEVICE_ID, "level_id": LEVEL_ID}
     )
 
     name: Name
@@ -97,9 +91,9 @@ class IngestTokenIn(In):
         Field(description="When a survey walk has come in: update the map (`publish`), build a draft, or do nothing."),
     ] = BuildOnArrival.PUBLISH
     route: Annotated[
-        list[MarkerName],
+        tuple[MarkerName, ...],
         Field(max_length=2000, description="Markers in the order they are walked, for annotations without a text."),
-    ] = []
+    ] = ()
 
     def new(self) -> records.NewToken:
         """As the service takes it."""
@@ -115,7 +109,7 @@ class IngestTokenIn(In):
             contribute=self.contribute,
             survey_id=self.survey_id,
             build=self.build,
-            route=tuple(self.route),
+            route=self.route,
         )
 
 

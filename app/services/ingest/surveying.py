@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from datetime import datetime
-
-import numpy as np
 
 from app.engine.types import SurveyWalk, Waypoints
 from app.exchange.phones.assembly import assemble
-from app.exchange.phones.readings import NS, Annotation, Readings
+from app.exchange.phones.places import marker_key, waypoints_of
+from app.exchange.phones.readings import Annotation, Readings
 from app.exchange.surveys.recording import Findings, Recording, walks_of
 from app.services.errors import InvalidError
 from app.services.ingest.ports import UploadChecks
@@ -27,39 +25,25 @@ from app.services.ports import UnitOfWork
 from app.services.records import Job, MapKind, NewBuild
 from app.services.surveys import new_walk_record
 
-_PAIR = re.compile(r"^\s*\(?\s*(-?\d+(?:\.\d+)?)\s*[,;\s]\s*(-?\d+(?:\.\d+)?)\s*\)?\s*$")
 _SHOWN = 5
 MAX_PROBLEM = 1000
 
 
-@dataclass(frozen=True, slots=True)
-class Resolved:
-    """Where annotations were set, and what of them nobody understands."""
+def resolve(
+    notes: Sequence[Annotation], markers: Sequence[Marker], route: Sequence[str] = ()
+) -> tuple[Waypoints, tuple[str, ...]]:
+    """Waypoints of annotations, and the texts that name no place.
 
-    waypoints: Waypoints
-    unknown: tuple[str, ...]
-
-
-def resolve(notes: Sequence[Annotation], markers: Sequence[Marker], route: Sequence[str] = ()) -> Resolved:
-    """Waypoints of annotations.
-
-    A text is the name of a marker (upper and lower case are the same), or a place in level metres (``12.5, 3``). Where
-    no text is either, the annotations are the markers of the ``route``, in its order: presses of a button.
+    A text is the name of a marker, or a place in level metres. Where no text is either, the annotations are the markers
+    of the ``route`` in its order: presses of a button.
     """
-    places = {marker.name.strip().casefold(): (marker.x, marker.y) for marker in markers}
-    found = [places.get(note.text.strip().casefold()) or _pair(note.text) for note in notes]
-    if route and not any(found):
-        found = [places.get(name.strip().casefold()) for name in route[: len(notes)]]
-        found += [None] * (len(notes) - len(found))
-    known = [(note.t_ns / NS, *place) for note, place in zip(notes, found, strict=True) if place is not None]
-    unknown = tuple(note.text.strip() or "(no text)" for note, place in zip(notes, found, strict=True) if place is None)
-    columns = np.array(known, dtype=np.float64).reshape(-1, 3)
-    return Resolved(Waypoints(columns[:, 0], columns[:, 1], columns[:, 2]), unknown)
-
-
-def _pair(text: str) -> tuple[float, float] | None:
-    match = _PAIR.match(text)
-    return None if match is None else (float(match.group(1)), float(match.group(2)))
+    places = {marker_key(marker.name): (marker.x, marker.y) for marker in markers}
+    waypoints, unknown = waypoints_of(notes, places)
+    if route and not len(waypoints):
+        pressed = [replace(note, text=name) for note, name in zip(notes, route, strict=False)]
+        waypoints, unknown = waypoints_of(pressed, places)
+        unknown += tuple(note.text for note in notes[len(route) :])
+    return waypoints, unknown
 
 
 def finish_survey(
@@ -83,19 +67,19 @@ def finish_survey(
         The recording, closed, or waiting with a ``problem`` if there are too few waypoints; jobs to be told of.
     """
     level_id = token.level_id or ""
-    resolved = resolve(recording.annotations, uow.ingest.markers(level_id), token.route)
+    found, unknown = resolve(recording.annotations, uow.ingest.markers(level_id), token.route)
     readings = Readings.merged(Readings.unpack(one.readings) for one in uow.ingest.messages(recording.id))
     samples = assemble(readings, token.frame, final=True).samples
     findings = Findings()
     walks: list[SurveyWalk] = []
     if samples is not None:
         name = f"{token.name} {recording.opened_at:%Y-%m-%d %H:%M:%S}"
-        whole = Recording(name, samples, resolved.waypoints if waypoints is None else waypoints)
+        whole = Recording(name, samples, found if waypoints is None else waypoints)
         walks = list(walks_of(whole, None, findings))
     else:
         findings.skipped.append("no samples: the phone did not send all of magnetometer, accelerometer and gyroscope")
     ids, problems = _stored(uow, checks, token, recording, walks, now)
-    problem = "; ".join([*problems, *findings.skipped, *(_unknown(resolved) if waypoints is None else ())])
+    problem = "; ".join([*problems, *findings.skipped, *(_unknown(unknown) if waypoints is None else ())])
     n_samples = 0 if samples is None else len(samples)
     state = RecordingState.CLOSED if ids else RecordingState.WAITING
     recording = replace(
@@ -107,10 +91,10 @@ def finish_survey(
     return recording, _ordered(uow, token, now)
 
 
-def _unknown(resolved: Resolved) -> list[str]:
-    if not resolved.unknown:
+def _unknown(texts: Sequence[str]) -> list[str]:
+    if not texts:
         return []
-    names = ", ".join(resolved.unknown[:_SHOWN])
+    names = ", ".join(text.strip() or "(no text)" for text in texts[:_SHOWN])
     return [f"annotations that are neither a marker of the level nor a place in metres: {names}"]
 
 
