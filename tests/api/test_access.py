@@ -88,6 +88,7 @@ TABLE = {
     "GET /v1/methods/{name}": ANY,
     "POST /v1/keys": ADMIN,
     "GET /v1/keys": ADMIN,
+    "GET /v1/keys/current": ANY,
     "GET /v1/keys/{key_id}": ADMIN,
     "DELETE /v1/keys/{key_id}": ADMIN,
     "GET /v1/stats": ADMIN,

@@ -264,6 +264,7 @@ class Client:
     create_key = _call(endpoints.create_key)
     key = _call(endpoints.key)
     keys = _list(endpoints.keys)
+    current_key = _call(endpoints.current_key)
     revoke_key = _call(endpoints.revoke_key)
 
     stats = _call(endpoints.stats)

@@ -758,6 +758,11 @@ def key(key_id: str) -> Call[ApiKey]:
     return _get(f"/v1/keys/{key_id}", ApiKey)
 
 
+def current_key() -> Call[ApiKey]:
+    """The API key that the call is made with: its name and scopes."""
+    return _get("/v1/keys/current", ApiKey)
+
+
 def revoke_key(key_id: str) -> Call[None]:
     """Revoke an API key, at once and for good."""
     return Call("DELETE", f"/v1/keys/{key_id}", nothing)
