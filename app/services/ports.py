@@ -24,6 +24,7 @@ from app.engine.types import (
     SurveyWalk,
     TrackerState,
     WalkReport,
+    Waypoints,
 )
 from app.services.aids import Recording
 from app.services.records import (
@@ -187,6 +188,10 @@ class SurveyRepository(Protocol):
 
     def load_walk(self, walk_id: str) -> SurveyWalk:
         """Samples of one walk."""
+        ...
+
+    def waypoints(self, walk_ids: Sequence[str]) -> Mapping[str, Waypoints]:
+        """Waypoints of these walks by id, without their samples."""
         ...
 
     def mark_offsets_remembered(self, walk_ids: Sequence[str], now: datetime) -> None:

@@ -64,6 +64,21 @@ class SurveyService(Service):
             uow.surveys.get(survey_id)
             return uow.surveys.list_walks(survey_id, cursor=cursor, limit=check_limit(limit))
 
+    def walk_lines(
+        self, survey_id: str, cursor: str | None = None, limit: int = DEFAULT_LIMIT
+    ) -> Page[tuple[Walk, Waypoints]]:
+        """Walks of a survey with the positions that were known on them, oldest first."""
+        with self._uow() as uow:
+            uow.surveys.get(survey_id)
+            page = uow.surveys.list_walks(survey_id, cursor=cursor, limit=check_limit(limit))
+            waypoints = uow.surveys.waypoints([walk.id for walk in page.items])
+        return Page(tuple((walk, waypoints[walk.id]) for walk in page.items), page.next_cursor)
+
+    def find_walk(self, survey_id: str, content_hash: str) -> Walk | None:
+        """The walk of this content, if the survey has it."""
+        with self._uow() as uow:
+            return uow.surveys.find_walk(survey_id, content_hash)
+
     def delete_walk(self, survey_id: str, walk_id: str) -> None:
         """Delete a walk; maps built from it stay as they are."""
         with self._uow(write=True) as uow:

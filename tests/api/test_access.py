@@ -50,6 +50,8 @@ TABLE = {
     "GET /v1/surveys/{survey_id}/walks": SURVEY,
     "GET /v1/surveys/{survey_id}/walks/{walk_id}": SURVEY,
     "DELETE /v1/surveys/{survey_id}/walks/{walk_id}": SURVEY,
+    "POST /v1/surveys/{survey_id}/import": SURVEY,
+    "GET /v1/surveys/{survey_id}/waypoints": SURVEY,
     "POST /v1/maps": SURVEY,
     "GET /v1/maps": ANY,
     "GET /v1/maps/{map_id}": ANY,

@@ -8,7 +8,7 @@ from typing import Any
 
 from sqlalchemy import Row, Select, delete, func, insert, select, update
 
-from app.engine.types import SurveyWalk
+from app.engine.types import SurveyWalk, Waypoints
 from app.services.records import Carrier, NewWalk, Page, Survey, Walk
 from app.storage.columns import (
     decode_samples,
@@ -140,6 +140,12 @@ class SqlSurveyRepository(Repository):
         """Samples of one walk."""
         statement = select(walk_samples.c.walk_id.label("id"), *_RECORDED).where(walk_samples.c.walk_id == walk_id)
         return _recorded(self._one("walk", walk_id, statement))
+
+    def waypoints(self, walk_ids: Sequence[str]) -> Mapping[str, Waypoints]:
+        """Waypoints of these walks by id, without their samples."""
+        columns = select(walk_samples.c.walk_id, walk_samples.c.waypoints)
+        rows = self._read(columns.where(walk_samples.c.walk_id.in_(walk_ids)))
+        return {row.walk_id: decode_waypoints(row.waypoints) for row in rows}
 
 
 def _recorded(row: Row[Any]) -> SurveyWalk:

@@ -93,6 +93,7 @@ from isodyn_client.planning import MapQuality, RouteForecast, Stretch, Suggestio
 from isodyn_client.results import FixComparison, LocateResult, PositionPage, Replay, SegmentInfo, SegmentResult
 from isodyn_client.retry import RetryPolicy
 from isodyn_client.samples import Samples, Waypoints
+from isodyn_client.survey_files import ImportedWalk, SurveyImport, WalkLine
 
 __all__ = [
     "Aids",
@@ -123,6 +124,7 @@ __all__ = [
     "ForbiddenError",
     "GnssFixes",
     "Hypothesis",
+    "ImportedWalk",
     "InvalidRequestError",
     "IsodynError",
     "Job",
@@ -177,12 +179,14 @@ __all__ = [
     "Suggestion",
     "Suggestions",
     "Survey",
+    "SurveyImport",
     "TooLargeError",
     "UnauthorizedError",
     "UnexpectedAnswerError",
     "Venue",
     "VenueKind",
     "Walk",
+    "WalkLine",
     "WalkReport",
     "Waypoints",
     "WifiScans",

@@ -9,7 +9,7 @@ from typing import Any, Concatenate, ParamSpec, Self, TypeVar
 
 import httpx
 
-from isodyn_client import endpoints
+from isodyn_client import endpoints, survey_files
 from isodyn_client.aids import Aids
 from isodyn_client.calls import Call, Listing
 from isodyn_client.connection import Connection
@@ -207,6 +207,8 @@ class Client:
     walk = _call(endpoints.walk)
     walks = _list(endpoints.walks)
     delete_walk = _call(endpoints.delete_walk)
+    import_survey = _call(survey_files.import_survey)
+    survey_lines = _list(survey_files.survey_lines)
 
     request_map = _call(endpoints.request_map)
     build_map = _flow(Flows.build_map)
