@@ -8,6 +8,9 @@
 export const pages = [
   { path: "/venues", name: "Venues", icon: "building", group: "Places", nav: true, scope: null, load: () => import("./venues.js") },
   { path: "/venues/:venue_id", scope: null, under: "/venues", load: () => import("./venue.js") },
+  { path: "/surveys", name: "Surveys", icon: "survey", group: "Maps", nav: true, scope: "survey", load: () => import("./surveys.js") },
+  { path: "/surveys/:survey_id", scope: "survey", under: "/surveys", load: () => import("./survey.js") },
+  { path: "/contributions", name: "Contributions", icon: "check", group: "Maps", nav: true, scope: "survey", load: () => import("./contributions.js") },
   { path: "/levels/:level_id", scope: null, under: "/venues", load: () => import("./level.js") },
 ];
 
