@@ -29,10 +29,11 @@ DROP = """(zone, files) => {
 
 @pytest.fixture
 def level_id(service: Service, floor: Floor) -> str:
-    """A level of its own, without a plan."""
+    """A level of its own, without a plan; beside the floor, which is surveyed already."""
+    venue = service.post("/v1/venues", {"name": "Survey hall", "kind": "indoor"})
     extent = {"x_min": -5, "y_min": -5, "x_max": 60, "y_max": 40}
     asked = {"name": "hall", "ordinal": 9, "extent": extent}
-    level = service.post(f"/v1/venues/{floor.venue_id}/levels", asked)
+    level = service.post(f"/v1/venues/{venue['id']}/levels", asked)
     return str(level["id"])
 
 

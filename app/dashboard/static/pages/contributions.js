@@ -83,7 +83,7 @@ function sourceLinks(one, only) {
   const tail = (id) => `…${id.slice(-6)}`;
   return h(
     "div",
-    { class: "verdict" },
+    { class: "verdict source" },
     h("button", { type: "button", class: "link", title: `Only of ${one.contributor}`, onclick: () => only({ contributor: one.contributor }) }, `key ${tail(one.contributor)}`),
     h("small", {}, h("a", { href: `#/sessions/${one.session_id}` }, `session ${tail(one.session_id)}`)),
   );

@@ -14,7 +14,8 @@ export function lineLayer() {
       if (!top) return;
       drawLine(context, view, top, { style: colour("second"), width: 3.5, dots: 4.5 });
       const [x, y] = view.pixel(top.x[0], top.y[0]);
-      haloText(context, top.name, x + 8, y - 8);
+      const width = Math.min(context.measureText(top.name).width * 1.3, view.size.width / 2);
+      haloText(context, top.name, Math.min(x + 8, view.size.width - width - 8), y - 8);
     },
     /** The id of the line nearest to a place and within so many metres; null: none. */
     nearest(place, within) {
