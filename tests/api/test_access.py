@@ -37,6 +37,7 @@ TABLE = {
     "GET /v1/levels/{level_id}/plan.geojson": ANY,
     "PUT /v1/levels/{level_id}/map": SURVEY,
     "GET /v1/levels/{level_id}/publications": SURVEY,
+    "GET /v1/levels/{level_id}/waypoints": SURVEY,
     "POST /v1/devices": LOCATE,
     "GET /v1/devices": LOCATE,
     "GET /v1/devices/{device_id}": LOCATE,

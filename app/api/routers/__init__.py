@@ -22,6 +22,7 @@ from app.api.routers import (
     trajectories,
     venues,
     versions,
+    waypoints,
 )
 
 ROUTERS = (
@@ -31,6 +32,7 @@ ROUTERS = (
     devices.router,
     device_models.router,
     surveys.router,
+    waypoints.router,
     maps.router,
     versions.router,
     planning.router,

@@ -88,6 +88,7 @@ from isodyn_client.models import (
     VenueKind,
     Walk,
     WalkReport,
+    WalkTrack,
 )
 from isodyn_client.planning import MapQuality, RouteForecast, Stretch, Suggestion, Suggestions
 from isodyn_client.results import FixComparison, LocateResult, PositionPage, Replay, SegmentInfo, SegmentResult
@@ -184,6 +185,7 @@ __all__ = [
     "VenueKind",
     "Walk",
     "WalkReport",
+    "WalkTrack",
     "Waypoints",
     "WifiScans",
 ]

@@ -200,6 +200,7 @@ class AsyncClient:
     add_walk = _call(endpoints.add_walk)
     walk = _call(endpoints.walk)
     walks = _list(endpoints.walks)
+    waypoints = _list(endpoints.waypoints)
     delete_walk = _call(endpoints.delete_walk)
 
     request_map = _call(endpoints.request_map)
