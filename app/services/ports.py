@@ -24,7 +24,6 @@ from app.engine.types import (
     SurveyWalk,
     TrackerState,
     WalkReport,
-    Waypoints,
 )
 from app.services.aids import Recording
 from app.services.records import (
@@ -62,6 +61,7 @@ from app.services.records import (
     Walk,
 )
 from app.services.tasks import MapRef
+from app.services.walk_tracks import WalkTrack
 
 if TYPE_CHECKING:
     from app.services.search import Search
@@ -181,6 +181,9 @@ class SurveyRepository(Protocol):
     def find_walk(self, survey_id: str, content_hash: str) -> Walk | None: ...
     def list_walks(self, survey_id: str, *, cursor: str | None, limit: int) -> Page[Walk]: ...
     def delete_walk(self, walk_id: str) -> None: ...
+    def list_tracks(
+        self, level_id: str, survey_ids: Sequence[str], *, cursor: str | None, limit: int
+    ) -> Page[WalkTrack]: ...
     def count_walks(self, level_id: str, survey_ids: Sequence[str]) -> int: ...
     def carriers(self, level_id: str) -> Mapping[str, Carrier]:
         """The device of each of the level's walks that name one, by walk id."""
@@ -188,10 +191,6 @@ class SurveyRepository(Protocol):
 
     def load_walk(self, walk_id: str) -> SurveyWalk:
         """Samples of one walk."""
-        ...
-
-    def waypoints(self, walk_ids: Sequence[str]) -> Mapping[str, Waypoints]:
-        """Waypoints of these walks by id, without their samples."""
         ...
 
     def mark_offsets_remembered(self, walk_ids: Sequence[str], now: datetime) -> None:

@@ -31,6 +31,7 @@ from app.api.schemas import (
     surveys,
     venues,
     versions,
+    waypoints,
 )
 from app.api.schemas import samples as sample_schemas
 from app.engine.localization.registry import METHODS
@@ -58,6 +59,7 @@ MODULES = [
     surveys,
     venues,
     versions,
+    waypoints,
 ]
 HIDDEN = {"GET /docs", "GET /openapi.json"}
 

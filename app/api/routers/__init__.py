@@ -23,6 +23,7 @@ from app.api.routers import (
     trajectories,
     venues,
     versions,
+    waypoints,
 )
 
 ROUTERS = (
@@ -33,6 +34,7 @@ ROUTERS = (
     device_models.router,
     surveys.router,
     survey_files.router,
+    waypoints.router,
     maps.router,
     versions.router,
     planning.router,

@@ -1,4 +1,4 @@
-"""Files of survey recordings in, and the lines of walks out."""
+"""Files of survey recordings on their way into a survey."""
 
 from __future__ import annotations
 
@@ -8,18 +8,17 @@ from functools import partial
 from typing import Annotated
 
 import anyio
-from fastapi import Depends, Query, Request, Response
+from fastapi import Depends, Query, Request
 
 from app.api import errors
 from app.api.auth import needs
 from app.api.body import read_body, require_media_type
-from app.api.deps import ContextDep, ServicesDep
-from app.api.pagination import PagingDep, link_next
+from app.api.deps import ContextDep
 from app.api.responses import OBJECT, guarded
 from app.api.routing import api_router
 from app.api.schemas.exchange import Line
 from app.api.schemas.samples import Frame
-from app.api.schemas.survey_files import SurveyImportOut, WalkLineOut, WalkLinePage
+from app.api.schemas.survey_files import SurveyImportOut
 from app.api.survey_import import import_recording, pairs_of
 from app.exchange.surveys import FileChoices, SurveyFormat
 from app.services.records import Scope
@@ -103,18 +102,3 @@ async def import_survey(
         dry_run=wanted.dry_run,
     )
     return await anyio.to_thread.run_sync(work, limiter=context.uploads)
-
-
-@router.get(
-    "/v1/surveys/{survey_id}/waypoints",
-    summary="List the waypoints of a survey",
-    dependencies=[needs(Scope.SURVEY)],
-    responses=guarded(errors.NOT_FOUND, errors.INVALID),
-)
-def list_waypoints(
-    survey_id: str, services: ServicesDep, paging: PagingDep, request: Request, response: Response
-) -> WalkLinePage:
-    """Where the walks of a survey went: the waypoints of each, oldest walk first."""
-    page = services.surveys.walk_lines(survey_id, paging.cursor, paging.limit)
-    link_next(request, response, page.next_cursor)
-    return WalkLinePage(items=[WalkLineOut.of(*one) for one in page.items], next_cursor=page.next_cursor)

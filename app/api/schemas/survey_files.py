@@ -1,18 +1,15 @@
-"""Reports on files of survey recordings, and the lines that walks followed."""
+"""Reports on files of survey recordings."""
 
 from __future__ import annotations
 
 from enum import StrEnum
-from typing import Annotated, Self
+from typing import Annotated
 
 from pydantic import Field
 
-from app.api.schemas.base import Out, PageOut, example
+from app.api.schemas.base import Out, example
 from app.api.schemas.surveys import SURVEY_ID, WALK_ID
-from app.engine.types import Waypoints
-from app.services import records
 
-_LINE = {"walk_id": WALK_ID, "name": "corridor, there and back", "t_ms": [1790000000000.0, 1790000009500.0]}
 _PLACES = {"x": [3.0, 14.5], "y": [2.0, 2.0]}
 
 
@@ -72,29 +69,3 @@ class SurveyImportOut(Out):
     read: list[str]
     assumed: list[str]
     skipped: list[str]
-
-
-class WalkLineOut(Out):
-    """The waypoints of a walk."""
-
-    model_config = example({**_LINE, **_PLACES})
-
-    walk_id: str
-    name: str
-    t_ms: Annotated[list[float], Field(description="Unix milliseconds.")]
-    x: Annotated[list[float], Field(description="Level metres.")]
-    y: list[float]
-
-    @classmethod
-    def of(cls, walk: records.Walk, waypoints: Waypoints) -> Self:
-        """Show the line of a walk."""
-        t_ms = (1000.0 * waypoints.t).tolist()
-        return cls(walk_id=walk.id, name=walk.name, t_ms=t_ms, x=waypoints.x.tolist(), y=waypoints.y.tolist())
-
-
-class WalkLinePage(PageOut):
-    """Lines of walks, oldest first."""
-
-    model_config = example({"items": [{**_LINE, **_PLACES}], "next_cursor": None})
-
-    items: list[WalkLineOut]

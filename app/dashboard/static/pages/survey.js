@@ -18,7 +18,7 @@ export async function render(root, params, app) {
   const counted = h("p", {});
   const reload = () => fill(walks, async () => {
     const [items, places] = await Promise.all([
-      app.api.all(`/v1/surveys/${survey.id}/walks`), app.api.all(`/v1/surveys/${survey.id}/waypoints`),
+      app.api.all(`/v1/surveys/${survey.id}/walks`), app.api.all(`/v1/levels/${level.id}/waypoints`, { survey_id: survey.id }),
     ]);
     lines.lines = places.map((one) => ({ ...one, id: one.walk_id }));
     lines.chosen = null;

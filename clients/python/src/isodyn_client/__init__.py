@@ -88,12 +88,13 @@ from isodyn_client.models import (
     VenueKind,
     Walk,
     WalkReport,
+    WalkTrack,
 )
 from isodyn_client.planning import MapQuality, RouteForecast, Stretch, Suggestion, Suggestions
 from isodyn_client.results import FixComparison, LocateResult, PositionPage, Replay, SegmentInfo, SegmentResult
 from isodyn_client.retry import RetryPolicy
 from isodyn_client.samples import Samples, Waypoints
-from isodyn_client.survey_files import ImportedWalk, SurveyImport, WalkLine
+from isodyn_client.survey_files import ImportedWalk, SurveyImport
 
 __all__ = [
     "Aids",
@@ -186,8 +187,8 @@ __all__ = [
     "Venue",
     "VenueKind",
     "Walk",
-    "WalkLine",
     "WalkReport",
+    "WalkTrack",
     "Waypoints",
     "WifiScans",
 ]

@@ -206,9 +206,9 @@ class Client:
     add_walk = _call(endpoints.add_walk)
     walk = _call(endpoints.walk)
     walks = _list(endpoints.walks)
+    waypoints = _list(endpoints.waypoints)
     delete_walk = _call(endpoints.delete_walk)
     import_survey = _call(survey_files.import_survey)
-    survey_lines = _list(survey_files.survey_lines)
 
     request_map = _call(endpoints.request_map)
     build_map = _flow(Flows.build_map)

@@ -53,6 +53,7 @@ from isodyn_client.models import (
     Venue,
     VenueKind,
     Walk,
+    WalkTrack,
 )
 from isodyn_client.planning import MapQuality, RouteForecast, Suggestions
 from isodyn_client.results import LocateResult, PositionPage, Replay, SegmentInfo, SegmentResult, Trajectory
@@ -269,6 +270,11 @@ def walk(survey_id: str, walk_id: str) -> Call[Walk]:
 def walks(survey_id: str) -> Listing[Walk]:
     """The walks of a survey, oldest first."""
     return _list(f"/v1/surveys/{survey_id}/walks", Walk)
+
+
+def waypoints(level_id: str, *, survey_id: str | None = None) -> Listing[WalkTrack]:
+    """Where the survey walks of a level went, oldest first."""
+    return _list(f"/v1/levels/{level_id}/waypoints", WalkTrack, survey_id=survey_id)
 
 
 def delete_walk(survey_id: str, walk_id: str) -> Call[None]:

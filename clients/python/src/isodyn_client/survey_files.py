@@ -1,13 +1,12 @@
-"""Files of survey recordings, read by the service, and where the walks of a survey went."""
+"""Files of survey recordings, read by the service."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 
-from isodyn_client.calls import Call, Listing, as_model, present
+from isodyn_client.calls import Call, as_model, present
 from isodyn_client.encoding import raw_body
-from isodyn_client.endpoints import PAGE
-from isodyn_client.models import Model, Page
+from isodyn_client.models import Model
 
 
 class ImportedWalk(Model):
@@ -33,16 +32,6 @@ class SurveyImport(Model):
     read: tuple[str, ...]
     assumed: tuple[str, ...]
     skipped: tuple[str, ...]
-
-
-class WalkLine(Model):
-    """Waypoints of a walk: Unix milliseconds and level metres."""
-
-    walk_id: str
-    name: str
-    t_ms: tuple[float, ...]
-    x: tuple[float, ...]
-    y: tuple[float, ...]
 
 
 def import_survey(
@@ -80,12 +69,6 @@ def import_survey(
     body = raw_body(content, "application/octet-stream", gzip=True)
     path = f"/v1/surveys/{survey_id}/import"
     return Call("POST", path, as_model(SurveyImport), params=params, body=body, wait_s=120.0)
-
-
-def survey_lines(survey_id: str) -> Listing[WalkLine]:
-    """Where the walks of a survey went, oldest walk first."""
-    call = Call("GET", f"/v1/surveys/{survey_id}/waypoints", as_model(Page[WalkLine]), params={"limit": PAGE})
-    return Listing(call)
 
 
 def _pairs(values: Mapping[str, str] | None) -> list[str] | None:
