@@ -17,6 +17,7 @@ from starlette.concurrency import run_in_threadpool
 
 from app.api import create_api
 from app.api.checks import Checks
+from app.dashboard import router as dashboard
 from app.services.clock import utc_now
 from app.services.container import build_services
 from app.services.tasks import LocateTask
@@ -162,6 +163,7 @@ class Application:
             metrics=self.metrics,
             ready=self.ready,
             lifespan=self.lifespan,
+            pages=(dashboard,),
         )
 
     def _drain(self) -> None:

@@ -63,6 +63,7 @@ from app.services.records import (
     Walk,
 )
 from app.services.tasks import MapRef
+from app.services.walk_tracks import WalkTrack
 
 if TYPE_CHECKING:
     from app.services.search import Search
@@ -182,6 +183,9 @@ class SurveyRepository(Protocol):
     def find_walk(self, survey_id: str, content_hash: str) -> Walk | None: ...
     def list_walks(self, survey_id: str, *, cursor: str | None, limit: int) -> Page[Walk]: ...
     def delete_walk(self, walk_id: str) -> None: ...
+    def list_tracks(
+        self, level_id: str, survey_ids: Sequence[str], *, cursor: str | None, limit: int
+    ) -> Page[WalkTrack]: ...
     def count_walks(self, level_id: str, survey_ids: Sequence[str]) -> int: ...
     def carriers(self, level_id: str) -> Mapping[str, Carrier]:
         """The device of each of the level's walks that name one, by walk id."""

@@ -11,6 +11,7 @@ from app.services.base import DEFAULT_LIMIT, Service, check_limit
 from app.services.errors import InvalidError, NotFoundError
 from app.services.ids import new_id
 from app.services.records import NewWalk, Page, Survey, Walk
+from app.services.walk_tracks import WalkTrack
 
 
 class SurveyService(Service):
@@ -63,6 +64,20 @@ class SurveyService(Service):
         with self._uow() as uow:
             uow.surveys.get(survey_id)
             return uow.surveys.list_walks(survey_id, cursor=cursor, limit=check_limit(limit))
+
+    def find_walk(self, survey_id: str, content_hash: str) -> Walk | None:
+        """The walk of this content, if the survey has it."""
+        with self._uow() as uow:
+            return uow.surveys.find_walk(survey_id, content_hash)
+
+    def list_tracks(
+        self, level_id: str, cursor: str | None = None, limit: int = DEFAULT_LIMIT, *, survey_id: str | None = None
+    ) -> Page[WalkTrack]:
+        """Where the walks of a level (of one survey, if it is named) went, oldest first."""
+        with self._uow() as uow:
+            uow.levels.get(level_id)
+            surveys = () if survey_id is None else (uow.surveys.get(survey_id).id,)
+            return uow.surveys.list_tracks(level_id, surveys, cursor=cursor, limit=check_limit(limit))
 
     def delete_walk(self, survey_id: str, walk_id: str) -> None:
         """Delete a walk; maps built from it stay as they are."""

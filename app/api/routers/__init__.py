@@ -23,10 +23,12 @@ from app.api.routers import (
     sessions,
     stats,
     stream,
+    survey_files,
     surveys,
     trajectories,
     venues,
     versions,
+    waypoints,
 )
 
 ROUTERS = (
@@ -36,6 +38,8 @@ ROUTERS = (
     devices.router,
     device_models.router,
     surveys.router,
+    survey_files.router,
+    waypoints.router,
     maps.router,
     versions.router,
     planning.router,

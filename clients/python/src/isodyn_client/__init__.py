@@ -88,11 +88,13 @@ from isodyn_client.models import (
     VenueKind,
     Walk,
     WalkReport,
+    WalkTrack,
 )
 from isodyn_client.planning import MapQuality, RouteForecast, Stretch, Suggestion, Suggestions
 from isodyn_client.results import FixComparison, LocateResult, PositionPage, Replay, SegmentInfo, SegmentResult
 from isodyn_client.retry import RetryPolicy
 from isodyn_client.samples import Samples, Waypoints
+from isodyn_client.survey_files import ImportedWalk, SurveyImport
 
 __all__ = [
     "Aids",
@@ -123,6 +125,7 @@ __all__ = [
     "ForbiddenError",
     "GnssFixes",
     "Hypothesis",
+    "ImportedWalk",
     "InvalidRequestError",
     "IsodynError",
     "Job",
@@ -177,6 +180,7 @@ __all__ = [
     "Suggestion",
     "Suggestions",
     "Survey",
+    "SurveyImport",
     "TooLargeError",
     "UnauthorizedError",
     "UnexpectedAnswerError",
@@ -184,6 +188,7 @@ __all__ = [
     "VenueKind",
     "Walk",
     "WalkReport",
+    "WalkTrack",
     "Waypoints",
     "WifiScans",
 ]

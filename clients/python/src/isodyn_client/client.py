@@ -9,7 +9,7 @@ from typing import Any, Concatenate, ParamSpec, Self, TypeVar
 
 import httpx
 
-from isodyn_client import endpoints
+from isodyn_client import endpoints, survey_files
 from isodyn_client.aids import Aids
 from isodyn_client.calls import Call, Listing
 from isodyn_client.connection import Connection
@@ -206,7 +206,9 @@ class Client:
     add_walk = _call(endpoints.add_walk)
     walk = _call(endpoints.walk)
     walks = _list(endpoints.walks)
+    waypoints = _list(endpoints.waypoints)
     delete_walk = _call(endpoints.delete_walk)
+    import_survey = _call(survey_files.import_survey)
 
     request_map = _call(endpoints.request_map)
     build_map = _flow(Flows.build_map)
@@ -264,6 +266,7 @@ class Client:
     create_key = _call(endpoints.create_key)
     key = _call(endpoints.key)
     keys = _list(endpoints.keys)
+    current_key = _call(endpoints.current_key)
     revoke_key = _call(endpoints.revoke_key)
 
     stats = _call(endpoints.stats)
