@@ -25,7 +25,9 @@ from app.engine.types import (
     TrackerState,
     WalkReport,
 )
+from app.services.activity import ActivityRepository, InventoryRepository
 from app.services.aids import Recording
+from app.services.ground_truth_records import GroundTruthRepository
 from app.services.records import (
     Anchor,
     ApiKey,
@@ -456,6 +458,9 @@ class UnitOfWork(Protocol):
     jobs: JobRepository
     keys: KeyRepository
     idempotency: IdempotencyRepository
+    ground_truth: GroundTruthRepository
+    activity: ActivityRepository
+    inventory: InventoryRepository
 
     def stats(self) -> Stats: ...
 
