@@ -32,7 +32,7 @@ class AlarmService(Service):
 
     def _facts(self, uow: UnitOfWork) -> Facts:
         now = self._clock()
-        hour, week = Window(now - FAILING, now), Window(now - RECENT, now)
+        hour, week = (Window(now - span, now, open_end=True) for span in (FAILING, RECENT))
         judged = uow.ground_truth.judged(week, NO_FILTERS, limit=_POINTS)
         levels = uow.inventory.levels(week, venue_id=None, level_id=None, cursor=None, limit=_LEVELS)
         behind = [row.level_id for row in levels if row.map_behind or row.map_id is None]

@@ -70,7 +70,8 @@ class StatsService(Service):
 
     def window(self, since: datetime | None, until: datetime | None, bucket: Bucket | None) -> Window:
         """The window that is asked for; by default it ends now and has a length that fits the bucket."""
-        until = until or self._clock()
+        now = self._clock()
+        until = until or now
         since = since or until - _DEFAULT_SPAN[bucket]
         if since >= until:
             raise InvalidError("since", "is not before until", "send since < until")
@@ -80,7 +81,7 @@ class StatsService(Service):
                 f"{bucket} gives more than {MAX_BUCKETS} buckets between since and until",
                 "send a longer bucket or a shorter time",
             )
-        return Window(since, until, bucket)
+        return Window(since, until, bucket, open_end=until >= now)
 
     def throughput(self, window: Window, filters: Filters = NO_FILTERS) -> Table[ThroughputRow]:
         """Segments, samples and fixes, one row a bucket."""

@@ -42,11 +42,16 @@ class GroupBy(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Window:
-    """From ``since`` (in) to ``until`` (out); counted bucket by bucket, or as a whole."""
+    """From ``since`` (in) to ``until`` (out); counted bucket by bucket, or as a whole.
+
+    ``open_end``: nothing is newer than ``until``, so that ids need no bound (they may be ahead of a clock that was set
+    back).
+    """
 
     since: datetime
     until: datetime
     bucket: Bucket | None = None
+    open_end: bool = False
 
 
 @dataclass(frozen=True, slots=True)

@@ -30,8 +30,6 @@ from app.storage.models import fixes, jobs, levels, segments, sessions
 from app.storage.repositories.base import Repository
 
 _MILLISECOND = timedelta(milliseconds=1)
-_CLOCK_SLACK = timedelta(hours=1)
-"""By how much a clock may have been set back: ids go on from the last one all the same."""
 _ENDED = (JobState.DONE.value, JobState.FAILED.value)
 
 
@@ -170,8 +168,8 @@ def _in(kind: JobKind, low: str, window: Window) -> tuple[ColumnElement[bool], .
 
 
 def _range(kind: JobKind, low: str, window: Window) -> tuple[ColumnElement[bool], ...]:
-    high = first_id("job", window.until + _CLOCK_SLACK)
-    return (jobs.c.kind == kind.value, jobs.c.id >= low, jobs.c.id < high)
+    begun = (jobs.c.kind == kind.value, jobs.c.id >= low)
+    return begun if window.open_end else (*begun, jobs.c.id < first_id("job", window.until))
 
 
 def _state(*states: str) -> ColumnElement[bool]:

@@ -127,7 +127,8 @@ class SqlInventoryRepository(Repository):
                 contributions.c.id >= first_id("ctr", since),
                 contributions.c.state == ContributionState.QUARANTINED.value,
             )
-            .group_by(contributions.c.level_id)
+            # not by the bare column: its index would be read from end to end
+            .group_by(func.coalesce(contributions.c.level_id, ""))
         )
         return {row.level_id: row.n for row in self._read(statement)}
 

@@ -89,6 +89,7 @@ from isodyn_client.models import (
     Walk,
     WalkReport,
 )
+from isodyn_client.operations import Alarm, LevelStats, StatsTable, Told, TruthPoint
 from isodyn_client.planning import MapQuality, RouteForecast, Stretch, Suggestion, Suggestions
 from isodyn_client.results import FixComparison, LocateResult, PositionPage, Replay, SegmentInfo, SegmentResult
 from isodyn_client.retry import RetryPolicy
@@ -96,6 +97,7 @@ from isodyn_client.samples import Samples, Waypoints
 
 __all__ = [
     "Aids",
+    "Alarm",
     "Anchor",
     "ApiKey",
     "AsyncClient",
@@ -131,6 +133,7 @@ __all__ = [
     "LastingChange",
     "Level",
     "LevelMap",
+    "LevelStats",
     "LocateResult",
     "MapDiff",
     "MapInfo",
@@ -170,6 +173,7 @@ __all__ = [
     "SessionStatus",
     "SpeedReadings",
     "Stats",
+    "StatsTable",
     "Status",
     "StepCounts",
     "StillWaitingError",
@@ -177,7 +181,9 @@ __all__ = [
     "Suggestion",
     "Suggestions",
     "Survey",
+    "Told",
     "TooLargeError",
+    "TruthPoint",
     "UnauthorizedError",
     "UnexpectedAnswerError",
     "Venue",
