@@ -14,6 +14,7 @@ from fastapi import FastAPI
 from starlette.concurrency import run_in_threadpool
 
 from app.api import create_api
+from app.dashboard import router as dashboard
 from app.services.clock import utc_now
 from app.services.container import build_services
 from app.services.tasks import LocateTask
@@ -195,6 +196,7 @@ def create_app(settings: Settings) -> FastAPI:
         metrics=application.metrics,
         ready=application.ready,
         lifespan=application.lifespan,
+        pages=(dashboard,),
     )
 
 

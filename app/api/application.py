@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import AbstractAsyncContextManager
 from importlib.metadata import PackageNotFoundError, version
 
 import anyio
-from fastapi import FastAPI
+from fastapi import APIRouter, FastAPI
 from fastapi.middleware.cors import CORSMiddleware
 
 from app.api import docs_page, errors, openapi
@@ -38,8 +38,12 @@ def create_api(
     ready: Readiness,
     clock: Clock = utc_now,
     lifespan: Lifespan | None = None,
+    pages: Sequence[APIRouter] = (),
 ) -> FastAPI:
-    """Build the application over ready-made services; ``lifespan`` starts and stops what they need."""
+    """Build the application over ready-made services.
+
+    ``lifespan`` starts and stops what they need; ``pages`` are served beside the API.
+    """
     app = FastAPI(
         title="Isodyn",
         version=_version(),
@@ -69,7 +73,7 @@ def create_api(
         locates=anyio.CapacityLimiter(_LOCATES),
         smoothings=anyio.CapacityLimiter(_SMOOTHINGS),
     )
-    routers = (*ROUTERS, docs_page.router)
+    routers = (*ROUTERS, docs_page.router, *pages)
     for router in routers:
         app.include_router(router)
     errors.install(app, lambda path: allowed_methods(routers, path))

@@ -11,6 +11,7 @@ from app.services.base import DEFAULT_LIMIT, Service, check_limit
 from app.services.errors import InvalidError, NotFoundError
 from app.services.ids import new_id
 from app.services.records import NewWalk, Page, Survey, Walk
+from app.services.walk_tracks import WalkTrack
 
 
 class SurveyService(Service):
@@ -63,6 +64,12 @@ class SurveyService(Service):
         with self._uow() as uow:
             uow.surveys.get(survey_id)
             return uow.surveys.list_walks(survey_id, cursor=cursor, limit=check_limit(limit))
+
+    def list_tracks(self, level_id: str, cursor: str | None = None, limit: int = DEFAULT_LIMIT) -> Page[WalkTrack]:
+        """Where the walks of a level went, oldest first."""
+        with self._uow() as uow:
+            uow.levels.get(level_id)
+            return uow.surveys.list_tracks(level_id, cursor=cursor, limit=check_limit(limit))
 
     def delete_walk(self, survey_id: str, walk_id: str) -> None:
         """Delete a walk; maps built from it stay as they are."""

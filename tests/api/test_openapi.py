@@ -33,6 +33,7 @@ from app.api.schemas import (
     surveys,
     venues,
     versions,
+    waypoints,
 )
 from app.api.schemas import samples as sample_schemas
 from app.engine.localization.registry import METHODS
@@ -62,6 +63,7 @@ MODULES = [
     surveys,
     venues,
     versions,
+    waypoints,
 ]
 HIDDEN = {"GET /docs", "GET /openapi.json"}
 

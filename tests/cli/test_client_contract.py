@@ -99,6 +99,9 @@ def test_the_same_walk_is_the_same_walk_however_it_is_sent(
         assert first.length_m == pytest.approx(walk.path_length_m, rel=1e-3)
         assert client.walk(survey.id, first.id) == first
         assert client.survey(survey.id).n_walks == 1
+        track = next(one for one in client.waypoints(survey.level_id) if one.walk_id == first.id)
+        assert track.x == pytest.approx(walk.waypoints.x, abs=1e-3)
+        assert track.t_ms == pytest.approx(1e3 * walk.waypoints.t, abs=1.0)
         client.delete_walk(survey.id, first.id)
         assert list(client.walks(survey.id)) == []
 
@@ -339,6 +342,7 @@ def test_jobs_methods_keys_stats(service: Service, surveyed: Surveyed) -> None:
         assert client.key(key.id).scopes == {isodyn.Scope.LOCATE}
         with isodyn.Client(service.url, key.secret) as weak, pytest.raises(isodyn.ForbiddenError):
             weak.create_survey(surveyed.level_id, "not allowed")
+        assert client.current_key().scopes == {isodyn.Scope.ADMIN}
         client.revoke_key(key.id)
         with isodyn.Client(service.url, key.secret) as revoked, pytest.raises(isodyn.UnauthorizedError):
             list(revoked.venues())

@@ -23,6 +23,7 @@ from app.api.routers import (
     trajectories,
     venues,
     versions,
+    waypoints,
 )
 
 ROUTERS = (
@@ -32,6 +33,7 @@ ROUTERS = (
     devices.router,
     device_models.router,
     surveys.router,
+    waypoints.router,
     maps.router,
     versions.router,
     planning.router,

@@ -88,6 +88,7 @@ from isodyn_client.models import (
     VenueKind,
     Walk,
     WalkReport,
+    WalkTrack,
 )
 from isodyn_client.operations import Alarm, LevelStats, StatsTable, Told, TruthPoint
 from isodyn_client.planning import MapQuality, RouteForecast, Stretch, Suggestion, Suggestions
@@ -190,6 +191,7 @@ __all__ = [
     "VenueKind",
     "Walk",
     "WalkReport",
+    "WalkTrack",
     "Waypoints",
     "WifiScans",
 ]

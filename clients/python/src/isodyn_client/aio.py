@@ -200,6 +200,7 @@ class AsyncClient:
     add_walk = _call(endpoints.add_walk)
     walk = _call(endpoints.walk)
     walks = _list(endpoints.walks)
+    waypoints = _list(endpoints.waypoints)
     delete_walk = _call(endpoints.delete_walk)
 
     request_map = _call(endpoints.request_map)
@@ -258,6 +259,7 @@ class AsyncClient:
     create_key = _call(endpoints.create_key)
     key = _call(endpoints.key)
     keys = _list(endpoints.keys)
+    current_key = _call(endpoints.current_key)
     revoke_key = _call(endpoints.revoke_key)
 
     stats = _call(endpoints.stats)

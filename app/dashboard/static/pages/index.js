@@ -1,0 +1,15 @@
+// All pages. The navigation is this list: a page with `nav` stands there under its group, if the key has its scope.
+//
+// path   after the "#"; ":name" is a part that the page gets as params.name
+// name   in the navigation
+// scope  that the key needs: "locate", "survey", "admin"; null: any key
+// load   the module, fetched when the page is first opened
+
+export const pages = [
+  { path: "/venues", name: "Venues", icon: "building", group: "Places", nav: true, scope: null, load: () => import("./venues.js") },
+  { path: "/venues/:venue_id", scope: null, under: "/venues", load: () => import("./venue.js") },
+  { path: "/levels/:level_id", scope: null, under: "/venues", load: () => import("./level.js") },
+];
+
+/** Where the dashboard begins. */
+export const HOME = "/venues";
