@@ -7,6 +7,7 @@ import sys
 from collections.abc import AsyncIterator, Iterator, Mapping
 from contextlib import ExitStack, asynccontextmanager, contextmanager
 from pathlib import Path
+from types import FrameType
 
 import structlog
 import uvicorn
@@ -28,6 +29,7 @@ from app.workers.bootstrap import warm_up, worker_context
 from app.workers.broker import JobBroker
 from app.workers.events import JobEvents
 from app.workers.kinds import build_work, contribute_work, segment_work
+from app.workers.live import SessionHub
 from app.workers.pools import InlineExecutor, ThreadExecutor
 from app.workers.processes import ProcessExecutor
 from app.workers.runner import JobRunner, Lane
@@ -76,6 +78,7 @@ class Application:
         self.settings = settings
         self.metrics = Metrics()
         self.broker = JobBroker()
+        self.hub = SessionHub()
         self.database = Database.at(settings.database_path, power_safe=settings.power_safe)
         self.segment_pool = self._make_pool(settings.workers, settings.segment_time_limit_s)
         self.build_pool = self._make_pool(1, settings.build_time_limit_s)
@@ -87,6 +90,7 @@ class Application:
             executor=self.segment_pool,
             cache=FileMapCache(settings.map_cache_dir, max_bytes=settings.map_cache_bytes),
             listener=events,
+            watchers=self.hub,
             locate_task=locate,
             smooth_task=SmoothSession(open_map, settings.maps_per_worker),
             replay_task=ReplaySession(open_map, settings.maps_per_worker),
@@ -100,7 +104,7 @@ class Application:
         )
         self.runner = self._make_runner(events, locate)
         # The broker first: someone waits there.
-        for listener in (self.broker, self.runner, self.metrics):
+        for listener in (self.broker, self.hub, self.runner, self.metrics):
             events.add(listener)
         self._stack = ExitStack()
         self.metrics.workers.set_function(lambda: self.segment_pool.alive)
@@ -146,6 +150,19 @@ class Application:
         finally:
             await run_in_threadpool(self.stop)
 
+    def api(self) -> FastAPI:
+        """The HTTP application over these parts; its lifespan starts and stops them."""
+        return create_api(
+            services=self.services,
+            broker=self.broker,
+            hub=self.hub,
+            settings=self.settings,
+            metrics=self.metrics,
+            ready=self.ready,
+            lifespan=self.lifespan,
+            pages=(dashboard,),
+        )
+
     def _drain(self) -> None:
         if not self.runner.stop(self.settings.shutdown_grace_s):
             _log.warning("some jobs did not end in time; they are done after the next start")
@@ -188,16 +205,7 @@ class Application:
 
 def create_app(settings: Settings) -> FastAPI:
     """Build the service; nothing runs until the application's lifespan begins."""
-    application = Application(settings)
-    return create_api(
-        services=application.services,
-        broker=application.broker,
-        settings=settings,
-        metrics=application.metrics,
-        ready=application.ready,
-        lifespan=application.lifespan,
-        pages=(dashboard,),
-    )
+    return Application(settings).api()
 
 
 def serve(settings: Settings) -> None:
@@ -206,17 +214,33 @@ def serve(settings: Settings) -> None:
     One process serves HTTP; the numerics have processes of their own.
     """
     configure_logging(settings.log_level, as_json=settings.log_json)
-    uvicorn.run(
-        create_app(settings),
+    application = Application(settings)
+    config = uvicorn.Config(
+        application.api(),
         host=settings.host,
         port=settings.port,
-        workers=1,
         log_config=None,
         access_log=False,
         server_header=False,
+        ws="websockets-sansio",
+        ws_max_size=settings.max_body_bytes,
         # Requests that wait for a result are answered by what is still running.
         timeout_graceful_shutdown=max(1, round(settings.shutdown_grace_s)),
     )
+    _Server(config, application.hub).run()
+
+
+class _Server(uvicorn.Server):
+    """Ends open streams when it is told to stop: uvicorn waits for them before it ends the application."""
+
+    def __init__(self, config: uvicorn.Config, hub: SessionHub) -> None:
+        super().__init__(config)
+        self._hub = hub
+
+    def handle_exit(self, sig: int, frame: FrameType | None) -> None:
+        """Stop."""
+        self._hub.close()
+        super().handle_exit(sig, frame)
 
 
 def _show_once(secret: str | None) -> None:

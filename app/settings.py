@@ -68,6 +68,7 @@ class Settings(BaseSettings):
     max_body_bytes: int = Field(default=8 * 2**20, ge=1024, description="Largest request body as sent.")
     max_queued_jobs: int = Field(default=1000, ge=1, description="Unfinished jobs accepted before 503.")
     max_wait_s: float = Field(default=30.0, ge=0, description="Longest `Prefer: wait=N` that is honoured.")
+    max_streams: int = Field(default=1000, ge=1, description="WebSockets and event streams open at once before 503.")
     rate_limit_per_minute: int = Field(default=6000, ge=0, description="Requests a key may make a minute; 0: no limit.")
     rate_limit_burst: int = Field(default=200, ge=1, description="Requests a key may make at once.")
     cors_origins: tuple[str, ...] = Field(default=(), description="Origins (JSON list) whose pages may call the API.")

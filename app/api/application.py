@@ -15,7 +15,7 @@ from app.api.auth import KeyCache
 from app.api.deps import Context
 from app.api.idempotency import Creations
 from app.api.middleware import AnswerMiddleware
-from app.api.ports import ApiSettings, Broker, Metrics, Readiness
+from app.api.ports import ApiSettings, Broker, Hub, Metrics, Readiness
 from app.api.ratelimit import RateLimiter
 from app.api.routers import ROUTERS
 from app.api.routing import allowed_methods
@@ -33,6 +33,7 @@ def create_api(
     *,
     services: Services,
     broker: Broker,
+    hub: Hub,
     settings: ApiSettings,
     metrics: Metrics,
     ready: Readiness,
@@ -62,6 +63,7 @@ def create_api(
     app.state.context = Context(
         services=services,
         broker=broker,
+        hub=hub,
         settings=settings,
         metrics=metrics,
         ready=ready,

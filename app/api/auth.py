@@ -17,6 +17,7 @@ from fastapi import Depends, Request, Security
 from fastapi.params import Depends as DependsParam
 from fastapi.security import APIKeyHeader, HTTPBearer
 from starlette.concurrency import run_in_threadpool
+from starlette.requests import HTTPConnection
 
 from app.api.errors import RateLimitedError, UnauthorizedError
 from app.services.errors import ForbiddenError
@@ -81,7 +82,7 @@ class Access:
         if self.public:
             return
         context: Context = request.app.state.context
-        key = await _authenticate(request, context.keys)
+        key = await authenticate(context.keys, secret_of(request))
         request.state.key = key
         quota = context.limiter.take(key.id)
         request.state.quota = quota
@@ -137,8 +138,8 @@ def _depends(access: Access) -> DependsParam:
     return marker
 
 
-async def _authenticate(request: Request, keys: KeyCache) -> ApiKey:
-    secret = _secret_of(request)
+async def authenticate(keys: KeyCache, secret: str) -> ApiKey:
+    """Return the key of a secret; UnauthorizedError if there is none, or it was revoked."""
     # The loop is not left for a key seen lately: a thread hop and a query cost more than the rest of a small call.
     key = keys.cached(secret) or await run_in_threadpool(keys.verify, secret)
     if key is None:
@@ -146,7 +147,8 @@ async def _authenticate(request: Request, keys: KeyCache) -> ApiKey:
     return key
 
 
-def _secret_of(request: Request) -> str:
+def secret_of(request: HTTPConnection) -> str:
+    """Return the secret that the headers of a request (or of a WebSocket's handshake) hold."""
     scheme, _, credentials = request.headers.get("authorization", "").partition(" ")
     bearer = credentials.strip() if scheme.lower() == "bearer" else None
     header = request.headers.get("x-api-key")

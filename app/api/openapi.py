@@ -36,6 +36,7 @@ TAGS = [
     {"name": "sessions", "description": "Trips of devices."},
     {"name": "segments", "description": "Uploaded stretches of a session."},
     {"name": "positions", "description": "Fixes of a session."},
+    {"name": "live", "description": "Sessions as they go."},
     {"name": "locate", "description": "One call, no session."},
     {"name": "jobs", "description": "Durable work: map builds, segments."},
     {"name": "methods", "description": "Positioning methods and their parameters."},

@@ -15,6 +15,7 @@ from app.services.exchange import ExchangeService
 from app.services.ground_truth import GroundTruthService
 from app.services.idempotency import IdempotencyService
 from app.services.jobs import JobService
+from app.services.live import LiveService, SessionListener
 from app.services.locate import LocateService
 from app.services.maps import MapService
 from app.services.methods import MethodCheck, check_method
@@ -48,6 +49,7 @@ class Services:
     versions: VersionService
     planning: PlanningService
     sessions: SessionService
+    live: LiveService
     locate: LocateService
     trajectories: TrajectoryService
     replays: ReplayService
@@ -68,6 +70,7 @@ def build_services(
     executor: Executor,
     cache: MapCache,
     listener: JobListener,
+    watchers: SessionListener,
     locate_task: LocateTask,
     smooth_task: SmoothTask,
     replay_task: ReplayTask,
@@ -93,8 +96,15 @@ def build_services(
         maps=maps,
         planning=PlanningService(uow=uow, clock=clock, maps=maps),
         sessions=SessionService(
-            uow=uow, clock=clock, cache=cache, listener=listener, max_queued=max_queued, check=check
+            uow=uow,
+            clock=clock,
+            cache=cache,
+            listener=listener,
+            watchers=watchers,
+            max_queued=max_queued,
+            check=check,
         ),
+        live=LiveService(uow=uow, clock=clock),
         locate=LocateService(uow=uow, clock=clock, executor=executor, cache=cache, task=locate_task, check=check),
         trajectories=TrajectoryService(uow=uow, clock=clock, executor=executor, cache=cache, task=smooth_task),
         replays=ReplayService(uow=uow, clock=clock, executor=executor, cache=cache, task=replay_task),

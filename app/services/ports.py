@@ -43,6 +43,7 @@ from app.services.records import (
     JobKind,
     JobState,
     LastingChange,
+    LastKnown,
     Level,
     LevelMap,
     MapInfo,
@@ -376,6 +377,20 @@ class SessionRepository(Protocol):
         kind: FixKind = FixKind.FILTERED,
     ) -> Page[Position]:
         """Fixes of a kind that is stored, in time order; the cursor is the ``number`` of the last one seen."""
+        ...
+
+    def last_known(
+        self,
+        *,
+        venue_id: str | None,
+        level_id: str | None,
+        limit: int,
+        only: Sequence[str] | None = None,
+    ) -> Sequence[LastKnown]:
+        """Sessions with their last fixes, newest first: the open ones, or ``only`` these whether open or not.
+
+        ``level_id``: where the last fix is, or where the session was opened if it has none.
+        """
         ...
 
 

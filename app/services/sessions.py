@@ -20,6 +20,7 @@ from app.services.errors import (
 )
 from app.services.ids import new_id
 from app.services.level_frame import in_level_frame
+from app.services.live import SessionListener
 from app.services.methods import MethodCheck, check_method, method_for
 from app.services.new_jobs import new_job
 from app.services.places import choose_place
@@ -52,12 +53,14 @@ class SessionService(Service):
         clock: Clock,
         cache: MapCache,
         listener: JobListener,
+        watchers: SessionListener,
         max_queued: int,
         check: MethodCheck = check_method,
     ) -> None:
         super().__init__(uow=uow, clock=clock)
         self._cache = cache
         self._listener = listener
+        self._watchers = watchers
         self._max_queued = max_queued
         self._check = check
 
@@ -113,6 +116,7 @@ class SessionService(Service):
                 contributor=contributor,
             )
             uow.sessions.add(session)
+        self._watchers.session_changed(session.id)
         return session
 
     def get(self, session_id: str) -> Session:
@@ -150,6 +154,7 @@ class SessionService(Service):
         with self._uow(write=True) as uow:
             session = uow.sessions.close(session_id, now)
             end_if_over(uow, session_id, now)
+        self._watchers.session_changed(session_id)
         return session
 
     def accept(self, session_id: str, new: NewSegment) -> Accepted:

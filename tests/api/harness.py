@@ -22,6 +22,7 @@ from app.services.tasks import BuildResult
 from app.storage import Database, FileMapCache
 from app.workers.broker import JobBroker
 from app.workers.events import JobEvents
+from app.workers.live import SessionHub
 from tests.support.builders import (
     CallingExecutor,
     SteppingClock,
@@ -44,6 +45,7 @@ class Options:
 
     max_body_bytes: int = 8 * 2**20
     max_wait_s: float = 30.0
+    max_streams: int = 1000
     rate_limit_per_minute: int = 0
     rate_limit_burst: int = 200
     cors_origins: tuple[str, ...] = ()
@@ -114,12 +116,14 @@ class Api:
         self.database.migrate()
         self.clock = SteppingClock()
         self.events, self.broker, self.worker = JobEvents(), JobBroker(), Worker()
+        self.hub = SessionHub()
         self.services = build_services(
             uow=self.database,
             clock=self.clock,
             executor=CallingExecutor(),
             cache=FileMapCache(folder / "maps"),
             listener=self.events,
+            watchers=self.hub,
             locate_task=answer_locate,
             smooth_task=answer_smooth,
             replay_task=answer_replay,
@@ -127,12 +131,14 @@ class Api:
         )
         self.worker.services, self.worker.events = self.services, self.events
         self.events.add(self.broker)
+        self.events.add(self.hub)
         self.events.add(self.worker)
         self.parts: dict[str, bool] = {"database": True, "pool": True}
         self.metrics = Seen()
         self.app: FastAPI = create_api(
             services=self.services,
             broker=self.broker,
+            hub=self.hub,
             settings=options,
             metrics=self.metrics,
             ready=self.ready,

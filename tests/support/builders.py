@@ -56,6 +56,7 @@ from app.services.records import (
 )
 from app.services.tasks import BuildResult, LocateResult, LocateSpec, ReplayResult, ReplaySpec, SmoothResult, SmoothSpec
 from app.storage import Database, FileMapCache
+from app.workers.live import SessionHub
 
 Spec = TypeVar("Spec")
 Result = TypeVar("Result")
@@ -383,6 +384,7 @@ class World:
             executor=CallingExecutor(),
             cache=map_cache,
             listener=listener,
+            watchers=SessionHub(),
             locate_task=answer_locate,
             smooth_task=answer_smooth,
             replay_task=answer_replay,
