@@ -6,10 +6,13 @@
 // load   the module, fetched when the page is first opened
 
 export const pages = [
+  { path: "/overview", name: "Overview", icon: "live", group: "Now", nav: true, scope: null, load: () => import("./overview.js") },
   { path: "/venues", name: "Venues", icon: "building", group: "Places", nav: true, scope: null, load: () => import("./venues.js") },
   { path: "/venues/:venue_id", scope: null, under: "/venues", load: () => import("./venue.js") },
   { path: "/levels/:level_id", scope: null, under: "/venues", load: () => import("./level.js") },
+  { path: "/operations", name: "Operations", icon: "chart", group: "Service", nav: true, scope: "admin", load: () => import("./operations.js") },
+  { path: "/keys", name: "Keys", icon: "key", group: "Service", nav: true, scope: "admin", load: () => import("./keys.js") },
 ];
 
 /** Where the dashboard begins. */
-export const HOME = "/venues";
+export const HOME = "/overview";
