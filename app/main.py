@@ -24,6 +24,7 @@ from app.services.tasks import LocateTask
 from app.settings import PoolKind, Settings
 from app.storage.checkpoints import FileCheckpoints
 from app.storage.database import Database
+from app.storage.host import LocalHost
 from app.storage.map_cache import FileMapCache, open_map
 from app.telemetry import Metrics, configure_logging
 from app.workers.bootstrap import warm_up, worker_context
@@ -100,6 +101,12 @@ class Application:
             smooth_task=SmoothSession(open_map, settings.maps_per_worker),
             replay_task=ReplaySession(open_map, settings.maps_per_worker),
             max_queued=settings.max_queued_jobs,
+            host=LocalHost(
+                settings.database_path,
+                settings.map_cache_dir,
+                alive=lambda: self.segment_pool.alive,
+                wanted=settings.workers,
+            ),
         )
         self.runner = self._make_runner(events, locate)
         # The broker first: someone waits there.

@@ -63,6 +63,54 @@ def replay(
         _write(json_file, found)
 
 
+@app.command("truth")
+@reported
+def truth(
+    session: Annotated[str, typer.Argument(help="Id of the session (ses_...).")],
+    file: Annotated[Path, typer.Argument(help="CSV file with columns t_ms, x, y and, if wanted, level_id, sd_m.")],
+    url: Url = DEFAULT_URL,
+    key: Key = None,
+) -> None:
+    """Say where a session was at some times, and show how far off its fixes were there.
+
+    Times are Unix milliseconds on the clock of the samples, positions level metres. A fix counts if it lies within a
+    second; points that none is near yet are compared when it comes.
+
+    Example:  isodyn session truth ses_... marks.csv
+    """
+    from app.cli.truth_files import read_truth
+
+    columns = read_truth(file)
+    with connect(url, key) as client:
+        points = [point for part in columns for point in client.add_ground_truth(session, **part).items]
+    print_table(("t_ms", "x", "y", "error", "in 95 %", "sure", "status"), [_compared(point) for point in points])
+    errors = [point.fix.error_m for point in points if point.fix is not None]
+    if errors:
+        inside = sum(point.fix.inside for point in points if point.fix is not None)
+        typer.echo()
+        typer.echo(
+            f"{len(errors)} of {len(points)} points compared: error {_percentile(errors, 0.5):.2f} m (p50), "
+            f"{_percentile(errors, 0.9):.2f} m (p90); {inside} inside the 95 % ellipse"
+        )
+
+
+def _compared(point: isodyn.TruthPoint) -> tuple[str, ...]:
+    place = (f"{point.t_ms:.0f}", f"{point.x:.2f}", f"{point.y:.2f}")
+    told = point.fix
+    if told is None:
+        return (*place, "-", "-", "-", "no fix within 1 s" if point.settled else "not yet")
+    return (*place, f"{told.error_m:.2f} m", _yes(told.inside), _yes(told.sure), told.status)
+
+
+def _yes(value: bool) -> str:
+    return "yes" if value else "no"
+
+
+def _percentile(values: list[float], share: float) -> float:
+    ordered = sorted(values)
+    return ordered[min(len(ordered) - 1, int(share * len(ordered)))]
+
+
 def _told(comparison: isodyn.FixComparison) -> list[tuple[str, str, str]]:
     statuses = dict.fromkeys([*comparison.status_then, *comparison.status_now])
     shares = [(f"{one}", comparison.status_then.get(one, 0.0), comparison.status_now.get(one, 0.0)) for one in statuses]

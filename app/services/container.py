@@ -5,11 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from app.services.accounts import AccountService
+from app.services.activity import Host
+from app.services.alarms import AlarmService
 from app.services.clock import Clock
 from app.services.contributions import ContributionService
 from app.services.device_models import DeviceModelService
 from app.services.devices import DeviceService
 from app.services.exchange import ExchangeService
+from app.services.ground_truth import GroundTruthService
 from app.services.idempotency import IdempotencyService
 from app.services.ingest.ports import UploadChecks
 from app.services.ingest.recordings import RecordingService
@@ -60,6 +63,8 @@ class Services:
     accounts: AccountService
     idempotency: IdempotencyService
     stats: StatsService
+    ground_truth: GroundTruthService
+    alarms: AlarmService
     exchange: ExchangeService
 
 
@@ -77,11 +82,13 @@ def build_services(
     replay_task: ReplayTask,
     max_queued: int = DEFAULT_MAX_QUEUED,
     check: MethodCheck = check_method,
+    host: Host | None = None,
 ) -> Services:
     """Wire the use cases.
 
     ``locate_task`` is what workers run for a one-shot location, ``smooth_task`` for a smoothed trajectory,
     ``replay_task`` for a replay (``app.workers.tasks``): the use cases know that they exist, not where they live.
+    Without a ``host`` nobody looks after disk and workers.
     """
     maps = MapService(uow=uow, clock=clock, cache=cache, listener=listener)
     return Services(
@@ -115,6 +122,8 @@ def build_services(
         processing=ProcessingService(uow=uow, clock=clock, cache=cache),
         accounts=AccountService(uow=uow, clock=clock),
         idempotency=IdempotencyService(uow=uow, clock=clock),
-        stats=StatsService(uow=uow, clock=clock),
+        stats=StatsService(uow=uow, clock=clock, host=host),
+        ground_truth=GroundTruthService(uow=uow, clock=clock),
+        alarms=AlarmService(uow=uow, clock=clock, host=host),
         exchange=ExchangeService(uow=uow, clock=clock, cache=cache),
     )

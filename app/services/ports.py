@@ -25,7 +25,9 @@ from app.engine.types import (
     TrackerState,
     WalkReport,
 )
+from app.services.activity import ActivityRepository, InventoryRepository
 from app.services.aids import Recording
+from app.services.ground_truth_records import GroundTruthRepository
 from app.services.ingest.ports import IngestRepository
 from app.services.records import (
     Anchor,
@@ -477,6 +479,9 @@ class UnitOfWork(Protocol):
     keys: KeyRepository
     idempotency: IdempotencyRepository
     ingest: IngestRepository
+    ground_truth: GroundTruthRepository
+    activity: ActivityRepository
+    inventory: InventoryRepository
 
     def stats(self) -> Stats: ...
 

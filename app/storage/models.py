@@ -511,6 +511,34 @@ field_changes = Table(
     Index(None, "level_id", "id"),
 )
 
+ground_truth = Table(
+    "ground_truth",
+    metadata,
+    Column("session_id", ID, ForeignKey("sessions.id"), primary_key=True),
+    Column("number", Integer, primary_key=True, autoincrement=False),
+    _double("t"),
+    _double("x"),
+    _double("y"),
+    Column("level_id", ID, nullable=True),
+    _double("sd_m"),
+    _time("created_at"),
+    # no later fix can come nearer
+    Column("settled", Boolean, nullable=False),
+    # what was told there; all null while nothing was
+    _double("fix_x", nullable=True),
+    _double("fix_y", nullable=True),
+    Column("fix_level_id", ID, nullable=True),
+    _double("apart_s", nullable=True),
+    _double("error_m", nullable=True),
+    _double("normalized", nullable=True),
+    Column("inside", Boolean, nullable=True),
+    Column("sure", Boolean, nullable=True),
+    Column("status", String(16), nullable=True),
+    UniqueConstraint("session_id", "t"),
+    Index(None, "t"),
+    sqlite_with_rowid=False,
+)
+
 api_keys = Table(
     "api_keys",
     metadata,

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from sqlalchemy import Connection
 
+from app.services.activity import ActivityRepository, InventoryRepository
+from app.services.ground_truth_records import GroundTruthRepository
 from app.services.ingest.ports import IngestRepository
 from app.services.ports import (
     ContributionRepository,
@@ -20,11 +22,14 @@ from app.services.ports import (
     VenueRepository,
 )
 from app.services.records import Stats
+from app.storage.repositories.activity import SqlActivityRepository
 from app.storage.repositories.contributions import SqlContributionRepository
 from app.storage.repositories.device_models import SqlDeviceModelRepository
 from app.storage.repositories.devices import SqlDeviceRepository
+from app.storage.repositories.ground_truth import SqlGroundTruthRepository
 from app.storage.repositories.idempotency import SqlIdempotencyRepository
 from app.storage.repositories.ingest import SqlIngestRepository
+from app.storage.repositories.inventory import SqlInventoryRepository
 from app.storage.repositories.jobs import SqlJobRepository
 from app.storage.repositories.keys import SqlKeyRepository
 from app.storage.repositories.levels import SqlLevelRepository
@@ -54,6 +59,9 @@ class SqlUnitOfWork:
         self.keys: KeyRepository = SqlKeyRepository(connection, writable=writable)
         self.idempotency: IdempotencyRepository = SqlIdempotencyRepository(connection, writable=writable)
         self.ingest: IngestRepository = SqlIngestRepository(connection, writable=writable)
+        self.ground_truth: GroundTruthRepository = SqlGroundTruthRepository(connection, writable=writable)
+        self.activity: ActivityRepository = SqlActivityRepository(connection, writable=writable)
+        self.inventory: InventoryRepository = SqlInventoryRepository(connection, writable=writable)
 
     def stats(self) -> Stats:
         """Counts of everything stored."""

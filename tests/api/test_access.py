@@ -98,6 +98,9 @@ TABLE = {
     "GET /v1/sessions/{session_id}/positions": LOCATE,
     "GET /v1/sessions/{session_id}/trajectory": LOCATE,
     "POST /v1/sessions/{session_id}/replay": LOCATE,
+    "POST /v1/sessions/{session_id}/ground-truth": LOCATE,
+    "GET /v1/sessions/{session_id}/ground-truth": LOCATE,
+    "DELETE /v1/sessions/{session_id}/ground-truth": LOCATE,
     "POST /v1/locate": LOCATE,
     "GET /v1/jobs": ANY,
     "GET /v1/jobs/{job_id}": ANY,
@@ -110,6 +113,15 @@ TABLE = {
     "GET /v1/keys/{key_id}": ADMIN,
     "DELETE /v1/keys/{key_id}": ADMIN,
     "GET /v1/stats": ADMIN,
+    "GET /v1/stats/throughput": ADMIN,
+    "GET /v1/stats/latency": ADMIN,
+    "GET /v1/stats/backlog": ADMIN,
+    "GET /v1/stats/errors": ADMIN,
+    "GET /v1/stats/fixes": ADMIN,
+    "GET /v1/stats/accuracy": ADMIN,
+    "GET /v1/stats/storage": ADMIN,
+    "GET /v1/stats/levels": ADMIN,
+    "GET /v1/stats/alarms": ADMIN,
 }
 GUARDED = {name: access for name, access in TABLE.items() if not access.public}
 SOCKETS = {"/v1/sessions/{session_id}/stream"}

@@ -6,6 +6,7 @@ import asyncio
 import json
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
+from datetime import UTC, datetime
 from pathlib import Path
 
 import httpx
@@ -347,6 +348,36 @@ def test_jobs_methods_keys_stats(service: Service, surveyed: Surveyed) -> None:
             list(revoked.venues())
         assert client.stats().maps >= 1
         client.ready()
+
+
+def test_statistics_and_ground_truth(service: Service, surveyed: Surveyed, walk: RecordedWalk) -> None:
+    with service.client() as client:
+        with client.open_session(surveyed.level_id, prior=start_of(walk)) as session:
+            list(session.send_all(samples_of(walk.samples), wait=20))
+        fixes = client.positions(session.id)
+        t_ms, x, y = (np.asarray(getattr(fixes, name))[::20] for name in ("t_ms", "x", "y"))
+        made = client.add_ground_truth(session.id, t_ms, x + 0.5, y, sd_m=np.full(len(x), 0.2))
+        told = list(client.ground_truth(session.id))
+        assert tuple(told) == made.items
+        assert [point.fix.error_m for point in told if point.fix] == pytest.approx([0.5] * len(t_ms))
+        span = {"since": min_time(t_ms), "until": datetime.now(UTC)}
+        by_level = client.stats_table("accuracy", **span, level_id=surveyed.level_id, by=["level"])
+        assert by_level.items[0]["fixes"] == "all"
+        assert by_level.items[0]["n"] >= len(t_ms)
+        rows = client.stats_csv("throughput", bucket="minute").decode().splitlines()
+        assert rows[0].startswith("since,segments,")
+        assert sum(row["segments"] for row in client.stats_table("throughput", bucket="hour").items) > 0
+        assert surveyed.level_id in {level.level_id for level in client.level_stats()}
+        assert {"backlog", "storage", "errors", "latency", "fixes"} == {
+            name for name in ("backlog", "storage", "errors", "latency", "fixes") if client.stats_table(name)
+        }
+        assert isinstance(client.alarms().items, tuple)
+        client.forget_ground_truth(session.id)
+        assert list(client.ground_truth(session.id)) == []
+
+
+def min_time(t_ms: np.ndarray) -> datetime:
+    return datetime.fromtimestamp(float(t_ms[0]) / 1000 - 1, UTC)
 
 
 def test_a_level_without_a_map(service: Service) -> None:

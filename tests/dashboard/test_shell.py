@@ -22,9 +22,9 @@ def test_signing_in_and_out(dashboard: Dashboard, page: Page, floor: Floor) -> N
     expect(page.get_by_role("alert")).to_contain_text("A valid API key is needed")
     entry.fill(dashboard.service.key)
     page.keyboard.press("Enter")
-    expect(page.get_by_role("heading", name="Venues", level=1)).to_be_visible()
+    expect(page.get_by_role("heading", name="Overview", level=1)).to_be_visible()
     page.reload()
-    expect(page.get_by_role("heading", name="Venues", level=1)).to_be_visible()
+    expect(page.get_by_role("heading", name="Overview", level=1)).to_be_visible()
     page.get_by_role("button", name="Sign out").click()
     expect(page.get_by_label("API key")).to_be_visible()
     assert page.evaluate("sessionStorage.length") == 0
@@ -54,5 +54,5 @@ def test_colours_are_the_readers_choice(dashboard: Dashboard) -> None:
 
 def test_an_unknown_address_leads_back(dashboard: Dashboard) -> None:
     page = dashboard.open("/nowhere")
-    page.get_by_role("link", name="To the venues").click()
-    expect(page.get_by_role("heading", name="Venues", level=1)).to_be_visible()
+    page.get_by_role("link", name="To the overview").click()
+    expect(page.get_by_role("heading", name="Overview", level=1)).to_be_visible()

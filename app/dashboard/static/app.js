@@ -101,7 +101,7 @@ async function show() {
 }
 
 function refused(found, path) {
-  if (!found) return empty("There is no such page", `Nothing is at ${path}.`, h("a", { href: `#${HOME}` }, "To the venues"));
+  if (!found) return empty("There is no such page", `Nothing is at ${path}.`, h("a", { href: `#${HOME}` }, "To the overview"));
   if (account.may(found.page.scope)) return null;
   return empty("This key may not see that", `The page needs a key with the scope “${found.page.scope}”.`);
 }

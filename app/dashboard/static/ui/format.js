@@ -1,6 +1,14 @@
 // Numbers, units, times: one way to write each, everywhere.
 
 const NONE = "–";
+const made = new Map();
+
+// Making a formatter takes longer than using it a hundred times, and live lists use it hundreds of times a second.
+function formatter(Kind, options) {
+  const key = `${Kind.name} ${JSON.stringify(options)}`;
+  if (!made.has(key)) made.set(key, new Kind(undefined, options));
+  return made.get(key);
+}
 
 /** A number with so many significant digits, in the reader's language; an en dash for what is not there. */
 export function number(value, digits = 3) {
@@ -8,13 +16,13 @@ export function number(value, digits = 3) {
   const options = Math.abs(value) >= 10 ** (digits - 1)
     ? { maximumFractionDigits: 0 }
     : { maximumSignificantDigits: digits };
-  return new Intl.NumberFormat(undefined, options).format(value);
+  return formatter(Intl.NumberFormat, options).format(value);
 }
 
 /** A number with a fixed count of decimals: for columns that are compared. */
 export function fixed(value, decimals = 1) {
   if (value === null || value === undefined || !Number.isFinite(value)) return NONE;
-  return new Intl.NumberFormat(undefined, {
+  return formatter(Intl.NumberFormat, {
     minimumFractionDigits: decimals,
     maximumFractionDigits: decimals,
   }).format(value);
@@ -57,13 +65,13 @@ export function duration(seconds) {
 /** Day and time of an ISO text or of Unix milliseconds, in the reader's zone. */
 export function dateTime(value) {
   if (value === null || value === undefined) return NONE;
-  return new Intl.DateTimeFormat(undefined, { dateStyle: "medium", timeStyle: "short" }).format(new Date(value));
+  return formatter(Intl.DateTimeFormat, { dateStyle: "medium", timeStyle: "short" }).format(new Date(value));
 }
 
 /** Time of day with seconds. */
 export function timeOfDay(value) {
   if (value === null || value === undefined) return NONE;
-  return new Intl.DateTimeFormat(undefined, { timeStyle: "medium" }).format(new Date(value));
+  return formatter(Intl.DateTimeFormat, { timeStyle: "medium" }).format(new Date(value));
 }
 
 const AGES = [
@@ -80,7 +88,7 @@ export function ago(value, now = Date.now()) {
   if (value === null || value === undefined) return NONE;
   const seconds = (now - new Date(value).getTime()) / 1000;
   const [, name, size] = AGES.find(([limit]) => Math.abs(seconds) < limit);
-  return new Intl.RelativeTimeFormat(undefined, { numeric: "auto" }).format(-Math.round(seconds / size), name);
+  return formatter(Intl.RelativeTimeFormat, { numeric: "auto" }).format(-Math.round(seconds / size), name);
 }
 
 /** The end of an id, enough to tell it from its neighbours. */

@@ -90,6 +90,7 @@ from isodyn_client.models import (
     WalkReport,
     WalkTrack,
 )
+from isodyn_client.operations import Alarm, LevelStats, StatsTable, Told, TruthPoint
 from isodyn_client.planning import MapQuality, RouteForecast, Stretch, Suggestion, Suggestions
 from isodyn_client.results import FixComparison, LocateResult, PositionPage, Replay, SegmentInfo, SegmentResult
 from isodyn_client.retry import RetryPolicy
@@ -98,6 +99,7 @@ from isodyn_client.survey_files import ImportedWalk, SurveyImport
 
 __all__ = [
     "Aids",
+    "Alarm",
     "Anchor",
     "ApiKey",
     "AsyncClient",
@@ -134,6 +136,7 @@ __all__ = [
     "LastingChange",
     "Level",
     "LevelMap",
+    "LevelStats",
     "LocateResult",
     "MapDiff",
     "MapInfo",
@@ -173,6 +176,7 @@ __all__ = [
     "SessionStatus",
     "SpeedReadings",
     "Stats",
+    "StatsTable",
     "Status",
     "StepCounts",
     "StillWaitingError",
@@ -181,7 +185,9 @@ __all__ = [
     "Suggestions",
     "Survey",
     "SurveyImport",
+    "Told",
     "TooLargeError",
+    "TruthPoint",
     "UnauthorizedError",
     "UnexpectedAnswerError",
     "Venue",

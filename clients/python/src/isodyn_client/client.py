@@ -9,7 +9,7 @@ from typing import Any, Concatenate, ParamSpec, Self, TypeVar
 
 import httpx
 
-from isodyn_client import endpoints, survey_files
+from isodyn_client import endpoints, operations, survey_files
 from isodyn_client.aids import Aids
 from isodyn_client.calls import Call, Listing
 from isodyn_client.connection import Connection
@@ -270,6 +270,13 @@ class Client:
     revoke_key = _call(endpoints.revoke_key)
 
     stats = _call(endpoints.stats)
+    stats_table = _call(operations.stats_table)
+    stats_csv = _call(operations.stats_csv)
+    level_stats = _list(operations.level_stats)
+    alarms = _call(operations.alarms)
+    add_ground_truth = _call(operations.add_ground_truth)
+    ground_truth = _list(operations.ground_truth)
+    forget_ground_truth = _call(operations.forget_ground_truth)
     ready = _call(endpoints.ready)
 
 
