@@ -10,6 +10,7 @@ from app.services.contributions import ContributionService
 from app.services.device_models import DeviceModelService
 from app.services.devices import DeviceService
 from app.services.exchange import ExchangeService
+from app.services.geofences import GeofenceService
 from app.services.idempotency import IdempotencyService
 from app.services.jobs import JobService
 from app.services.locate import LocateService
@@ -27,6 +28,8 @@ from app.services.tasks import LocateTask, ReplayTask, SmoothTask
 from app.services.trajectories import TrajectoryService
 from app.services.venues import VenueService
 from app.services.versions import VersionService
+from app.services.webhook_outbox import OutboxService, RetryPolicy
+from app.services.webhooks import WebhookService
 
 DEFAULT_MAX_QUEUED = 10_000
 
@@ -54,6 +57,9 @@ class Services:
     idempotency: IdempotencyService
     stats: StatsService
     exchange: ExchangeService
+    geofences: GeofenceService
+    webhooks: WebhookService
+    outbox: OutboxService
 
 
 def build_services(
@@ -68,6 +74,8 @@ def build_services(
     replay_task: ReplayTask,
     max_queued: int = DEFAULT_MAX_QUEUED,
     check: MethodCheck = check_method,
+    webhook_private_networks: bool = False,
+    webhook_retries: RetryPolicy | None = None,
 ) -> Services:
     """Wire the use cases.
 
@@ -97,4 +105,7 @@ def build_services(
         idempotency=IdempotencyService(uow=uow, clock=clock),
         stats=StatsService(uow=uow, clock=clock),
         exchange=ExchangeService(uow=uow, clock=clock, cache=cache),
+        geofences=GeofenceService(uow=uow, clock=clock),
+        webhooks=WebhookService(uow=uow, clock=clock, private_networks=webhook_private_networks),
+        outbox=OutboxService(uow=uow, clock=clock, policy=webhook_retries),
     )

@@ -26,6 +26,7 @@ from app.engine.types import (
     WalkReport,
 )
 from app.services.aids import Recording
+from app.services.geofence_ports import GeofenceRepository
 from app.services.records import (
     Anchor,
     ApiKey,
@@ -61,6 +62,7 @@ from app.services.records import (
     Walk,
 )
 from app.services.tasks import MapRef
+from app.services.webhook_ports import WebhookRepository
 
 if TYPE_CHECKING:
     from app.services.search import Search
@@ -453,6 +455,8 @@ class UnitOfWork(Protocol):
     contributions: ContributionRepository
     publications: PublicationRepository
     sessions: SessionRepository
+    geofences: GeofenceRepository
+    webhooks: WebhookRepository
     jobs: JobRepository
     keys: KeyRepository
     idempotency: IdempotencyRepository

@@ -38,6 +38,7 @@ from app.services.records import (
     SessionStatus,
 )
 from app.services.session_end import end_if_over
+from app.services.webhook_news import tell_closed
 
 RETRY_AFTER_S = 2.0
 
@@ -149,6 +150,8 @@ class SessionService(Service):
         now = self._clock()
         with self._uow(write=True) as uow:
             session = uow.sessions.close(session_id, now)
+            if session.closed_at == now:  # not closed before
+                tell_closed(uow, session)
             end_if_over(uow, session_id, now)
         return session
 

@@ -285,14 +285,14 @@ class SqlSessionRepository(Repository):
         if cursor is not None:
             statement = statement.where(table.c.number > int(cursor))
         rows = self._read(statement.order_by(table.c.number).limit(limit + 1)).all()
-        return page(rows, partial(_position, kind=kind), lambda row: str(row.number), limit=limit)
+        return page(rows, partial(position_of, kind=kind), lambda row: str(row.number), limit=limit)
 
     def _told_with(self, segment: Row[Any], kind: FixKind) -> tuple[Fix, ...]:
         first, end = _range(segment, kind)
         if first == end:
             return ()
         rows = self._read(_FIXES_OF[kind], {"session": segment.session_id, "first": first, "end": end})
-        return tuple(_position(row, kind).fix for row in rows)
+        return tuple(position_of(row, kind).fix for row in rows)
 
     def _set_state(self, session_id: str, state: TrackerState, calibration: DeviceCalibration | None) -> None:
         values: dict[str, Any] = {"method": state.method, "payload": state.payload, "last_t": state.last_t}
@@ -372,7 +372,8 @@ def _range(segment: Row[Any], kind: FixKind) -> tuple[int, int]:
     return (0, 0) if first is None else (first, first + n)
 
 
-def _position(row: Row[Any], kind: FixKind) -> Position:
+def position_of(row: Row[Any], kind: FixKind) -> Position:
+    """A fix of this kind from its row."""
     fix = Fix(
         t=row._mapping["t"],  # row.t is SQLAlchemy's own
         level_id=row.level_id,
