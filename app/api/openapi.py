@@ -36,6 +36,8 @@ TAGS = [
     {"name": "sessions", "description": "Trips of devices."},
     {"name": "segments", "description": "Uploaded stretches of a session."},
     {"name": "positions", "description": "Fixes of a session."},
+    {"name": "geofences", "description": "Areas of levels, and who entered or left them."},
+    {"name": "webhooks", "description": "Addresses that are told what happens."},
     {"name": "locate", "description": "One call, no session."},
     {"name": "jobs", "description": "Durable work: map builds, segments."},
     {"name": "methods", "description": "Positioning methods and their parameters."},

@@ -15,6 +15,7 @@ from app.api.schemas import (
     contributions,
     device_models,
     devices,
+    geofences,
     health,
     jobs,
     keys,
@@ -31,6 +32,7 @@ from app.api.schemas import (
     surveys,
     venues,
     versions,
+    webhooks,
 )
 from app.api.schemas import samples as sample_schemas
 from app.engine.localization.registry import METHODS
@@ -41,6 +43,7 @@ MODULES = [
     contributions,
     device_models,
     devices,
+    geofences,
     health,
     jobs,
     keys,
@@ -58,6 +61,7 @@ MODULES = [
     surveys,
     venues,
     versions,
+    webhooks,
 ]
 HIDDEN = {"GET /docs", "GET /openapi.json"}
 
@@ -167,6 +171,7 @@ def test_creating_calls_take_idempotency_keys(document: dict[str, Any]) -> None:
         "POST /v1/devices",
         "POST /v1/surveys",
         "POST /v1/sessions",
+        "POST /v1/geofences",
     }
 
 

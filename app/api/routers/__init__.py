@@ -5,6 +5,7 @@ from app.api.routers import (
     device_models,
     devices,
     exchange,
+    geofences,
     health,
     jobs,
     keys,
@@ -22,6 +23,7 @@ from app.api.routers import (
     trajectories,
     venues,
     versions,
+    webhooks,
 )
 
 ROUTERS = (
@@ -41,6 +43,8 @@ ROUTERS = (
     positions.router,
     trajectories.router,
     replays.router,
+    geofences.router,
+    webhooks.router,
     locate.router,
     jobs.router,
     methods.router,
