@@ -47,6 +47,7 @@ from isodyn_client.errors import (
     UnexpectedAnswerError,
 )
 from isodyn_client.fixes import Coverage, FieldRaster, Fixes
+from isodyn_client.geofences import Geofence, GeofenceEvent, GeofenceEventKind
 from isodyn_client.models import (
     Anchor,
     ApiKey,
@@ -93,6 +94,15 @@ from isodyn_client.planning import MapQuality, RouteForecast, Stretch, Suggestio
 from isodyn_client.results import FixComparison, LocateResult, PositionPage, Replay, SegmentInfo, SegmentResult
 from isodyn_client.retry import RetryPolicy
 from isodyn_client.samples import Samples, Waypoints
+from isodyn_client.webhooks import (
+    Delivery,
+    DeliveryState,
+    InvalidSignatureError,
+    NewWebhook,
+    Webhook,
+    WebhookMessage,
+    verify_webhook,
+)
 
 __all__ = [
     "Aids",
@@ -108,6 +118,8 @@ __all__ = [
     "ConnectionFailedError",
     "Contribution",
     "Coverage",
+    "Delivery",
+    "DeliveryState",
     "Device",
     "DeviceCalibration",
     "DeviceModel",
@@ -121,9 +133,13 @@ __all__ = [
     "FixKind",
     "Fixes",
     "ForbiddenError",
+    "Geofence",
+    "GeofenceEvent",
+    "GeofenceEventKind",
     "GnssFixes",
     "Hypothesis",
     "InvalidRequestError",
+    "InvalidSignatureError",
     "IsodynError",
     "Job",
     "JobFailedError",
@@ -141,6 +157,7 @@ __all__ = [
     "MethodParameter",
     "ModelEstimate",
     "NewApiKey",
+    "NewWebhook",
     "NoAnchorError",
     "NoMapError",
     "NotFoundError",
@@ -185,5 +202,8 @@ __all__ = [
     "Walk",
     "WalkReport",
     "Waypoints",
+    "Webhook",
+    "WebhookMessage",
     "WifiScans",
+    "verify_webhook",
 ]
