@@ -7,7 +7,6 @@ fixes that claim a position count (status ``ok``).
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from datetime import datetime
@@ -77,13 +76,11 @@ def watch_fixes(uow: UnitOfWork, session_id: str, seq: int, fixes: Sequence[Fix]
     claimed = [fix for fix in fixes if fix.status is Status.OK]
     if not claimed:
         return
-    watched = uow.geofences.watched(session_id, {fix.level_id for fix in claimed}, _reach(claimed))
-    if not watched:
-        return
-    times = np.array([fix.t for fix in claimed])
+    places = _Places.of(claimed)
+    watched = uow.geofences.watched(session_id, frozenset(places.level_ids), places.reach())
     told: list[tuple[Geofence, Crossing]] = []
     for one in watched:
-        found, stay = crossings(one.geofence, one.stay, times, _probabilities(one.geofence, claimed))
+        found, stay = crossings(one.geofence, one.stay, places.times, places.probabilities(one.geofence))
         if stay != one.stay:
             uow.geofences.set_stay(session_id, one.geofence.id, one.stay, stay)
         told += [(one.geofence, crossing) for crossing in found if crossing.kind in one.geofence.events]
@@ -134,34 +131,35 @@ def _lasted(geofence: Geofence, stay: Stay, t: float) -> bool:
     return geofence.dwell_s is not None and not stay.dwelled and t - stay.entered_t >= geofence.dwell_s
 
 
-def _reach(fixes: Sequence[Fix]) -> Box:
-    """The box beyond which none of the positions lies in all likelihood."""
-    sides = _sides(fixes)
-    return (
-        min(x - reach for x, _, reach, _ in sides),
-        min(y - reach for _, y, _, reach in sides),
-        max(x + reach for x, _, reach, _ in sides),
-        max(y + reach for _, y, _, reach in sides),
-    )
+@dataclass(frozen=True, slots=True, eq=False)
+class _Places:
+    """Fixes as arrays, taken apart once for all geofences: shapes (n,), (n, 2) m and (n, 3) m^2."""
 
+    level_ids: tuple[str, ...]
+    times: Float64Array
+    mean: Float64Array
+    covariance: Float64Array
 
-def _sides(fixes: Sequence[Fix]) -> list[tuple[float, float, float, float]]:
-    def reach(variance: float) -> float:
-        return max(FAR_SD * math.sqrt(max(variance, 0.0)), _MIN_REACH_M)
+    @classmethod
+    def of(cls, fixes: Sequence[Fix]) -> _Places:
+        return cls(
+            tuple(fix.level_id for fix in fixes),
+            np.array([fix.t for fix in fixes]),
+            np.array([(fix.x, fix.y) for fix in fixes]),
+            np.array([(fix.cov_xx, fix.cov_xy, fix.cov_yy) for fix in fixes]),
+        )
 
-    return [(fix.x, fix.y, reach(fix.cov_xx), reach(fix.cov_yy)) for fix in fixes]
+    def reach(self) -> Box:
+        """The box beyond which none of them lies in all likelihood."""
+        far = np.maximum(FAR_SD * np.sqrt(np.maximum(self.covariance[:, [0, 2]], 0.0)), _MIN_REACH_M)
+        (x_min, y_min), (x_max, y_max) = (self.mean - far).min(axis=0), (self.mean + far).max(axis=0)
+        return float(x_min), float(y_min), float(x_max), float(y_max)
 
-
-def _probabilities(geofence: Geofence, fixes: Sequence[Fix]) -> Float64Array:
-    """How likely each fix is inside; not at all on another level."""
-    here = np.array([fix.level_id == geofence.level_id for fix in fixes])
-    found = np.zeros(len(fixes))
-    if here.any():
-        there = [fix for fix in fixes if fix.level_id == geofence.level_id]
-        mean = np.array([(fix.x, fix.y) for fix in there])
-        covariance = np.array([(fix.cov_xx, fix.cov_xy, fix.cov_yy) for fix in there])
-        found[here] = inside_probability(np.array(geofence.polygon), mean, covariance)
-    return found
+    def probabilities(self, geofence: Geofence) -> Float64Array:
+        """How likely each is inside; not at all on another level."""
+        found = inside_probability(np.array(geofence.polygon), self.mean, self.covariance)
+        here = [level_id == geofence.level_id for level_id in self.level_ids]
+        return found if all(here) else np.where(here, found, 0.0)
 
 
 def _event(

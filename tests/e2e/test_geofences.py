@@ -100,7 +100,7 @@ def test_walks_through_a_geofence_are_told_as_they_were(
         for item in crossings:
             if item["reason"] is None and item is not crossings[0]:
                 x = float(np.interp(item["t_ms"] / 1000.0, walk.samples.t, walk.x))
-                assert abs(x - EDGE_X) < 6.0, f"{item['kind']} told {x - EDGE_X:+.1f} m from the edge"
+                assert abs(x - EDGE_X) < 4.0, f"{item['kind']} told {x - EDGE_X:+.1f} m from the edge"
     assert service.metric("isodyn_webhook_errors_total") == 0
     assert secret not in service.log
 
