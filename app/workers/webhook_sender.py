@@ -79,6 +79,7 @@ class WebhookSender:
         self._http = httpx.AsyncClient(
             follow_redirects=False,
             trust_env=False,
+            verify=httpx.create_ssl_context(),  # which asks the environment for certificates, as an operator expects
             timeout=self._timeout_s,
             limits=httpx.Limits(max_keepalive_connections=0),
             transport=self._transport,

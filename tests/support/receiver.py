@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import ssl
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Self
@@ -29,11 +30,13 @@ class Receiver:
     got: list[Received] = field(default_factory=list)
     lock: threading.Lock = field(default_factory=threading.Lock)
     ended: threading.Event = field(default_factory=threading.Event)
-    on_request: Callable[[Received], None] = lambda _: None
+    tls: ssl.SSLContext | None = None
 
     def __enter__(self) -> Self:
         self.server = ThreadingHTTPServer(("127.0.0.1", 0), _handler(self))
         self.server.daemon_threads = True
+        if self.tls is not None:
+            self.server.socket = self.tls.wrap_socket(self.server.socket, server_side=True)
         self.thread = threading.Thread(target=self.server.serve_forever, kwargs={"poll_interval": 0.02})
         self.thread.start()
         return self
@@ -50,14 +53,12 @@ class Receiver:
 
     @property
     def url(self) -> str:
-        return f"http://127.0.0.1:{self.port}/hook?x=1"
+        return f"http{'s' if self.tls else ''}://127.0.0.1:{self.port}/hook?x=1"
 
     def take(self, request: Received) -> int | str:
         with self.lock:
             self.got.append(request)
-            answer = self.plan.pop(0) if self.plan else 204
-        self.on_request(request)
-        return answer
+            return self.plan.pop(0) if self.plan else 204
 
 
 HANG, DROP = "HANG", "DROP"

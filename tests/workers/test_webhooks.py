@@ -6,6 +6,9 @@ import asyncio
 import hashlib
 import hmac
 import json
+import shutil
+import ssl
+import subprocess
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import replace
@@ -204,6 +207,33 @@ def test_the_certificate_asked_for_is_that_of_the_name() -> None:
     assert request.url == "https://8.8.8.8/x"
     assert request.headers["Host"] == "xn--bcher-kva.example"
     assert request.extensions["sni_hostname"] == "xn--bcher-kva.example"
+
+
+@pytest.fixture
+def certified(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Receiver]:
+    """A server with a certificate of ``hooks.example`` that the sender has reason to trust."""
+    openssl = shutil.which("openssl")
+    if openssl is None:
+        pytest.skip("openssl is not installed")
+    key, certificate = tmp_path / "key.pem", tmp_path / "certificate.pem"
+    name = ("-subj", "/CN=hooks.example", "-addext", "subjectAltName=DNS:hooks.example")
+    request = ("req", "-x509", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:P-256", "-nodes", "-days", "2", *name)
+    subprocess.run([openssl, *request, "-keyout", key, "-out", certificate], check=True, capture_output=True)
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+    context.load_cert_chain(certificate, key)
+    monkeypatch.setenv("SSL_CERT_FILE", str(certificate))
+    with Receiver(tls=context) as made:
+        yield made
+
+
+def test_a_certificate_counts_for_its_name_alone(certified: Receiver) -> None:
+    """The connection goes to an address; whose certificate that must show is still the name's affair."""
+    assert send(f"https://hooks.example:{certified.port}/hook", resolve=to("127.0.0.1")).succeeded
+    for host in ("other.example", "127.0.0.1"):
+        attempt = send(f"https://{host}:{certified.port}/hook", resolve=to("127.0.0.1"))
+        assert attempt.status is None
+        assert "certificate verify failed" in (attempt.error or "")
+    assert len(certified.got) == 1
 
 
 def test_another_address_is_tried_when_one_does_not_listen(receiver: Receiver) -> None:
