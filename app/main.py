@@ -21,6 +21,7 @@ from app.dashboard import router as dashboard
 from app.services.clock import utc_now
 from app.services.container import build_services
 from app.services.tasks import LocateTask
+from app.services.webhook_outbox import RetryPolicy
 from app.settings import PoolKind, Settings
 from app.storage.checkpoints import FileCheckpoints
 from app.storage.database import Database
@@ -37,6 +38,8 @@ from app.workers.pools import InlineExecutor, ThreadExecutor
 from app.workers.processes import ProcessExecutor
 from app.workers.runner import JobRunner, Lane
 from app.workers.tasks import BuildMap, ContributeSession, LocateSegment, ReplaySession, SmoothSession
+from app.workers.webhook_dispatcher import WebhookDispatcher
+from app.workers.webhook_sender import WebhookSender
 
 Pool = InlineExecutor | ThreadExecutor | ProcessExecutor
 
@@ -107,10 +110,13 @@ class Application:
                 alive=lambda: self.segment_pool.alive,
                 wanted=settings.workers,
             ),
+            webhook_private_networks=settings.webhook_private_networks,
+            webhook_retries=RetryPolicy(give_up_s=settings.webhook_give_up_s),
         )
+        self.webhooks = WebhookDispatcher(self.services.outbox, self._open_sender, self.metrics)
         self.runner = self._make_runner(events, locate)
         # The broker first: someone waits there.
-        for listener in (self.broker, self.hub, self.runner, self.metrics):
+        for listener in (self.broker, self.hub, self.runner, self.webhooks, self.metrics):
             events.add(listener)
         silence = timedelta(seconds=settings.recording_silence_s)
         self.sweeper = Periodic("recordings", _SWEEP_S, lambda: self.services.recordings.close_silent(silence))
@@ -125,6 +131,8 @@ class Application:
             self.database.migrate()
             _show_once(self.services.accounts.ensure_admin_key())
             recovered = self.services.processing.recover()
+            stack.callback(self.webhooks.stop, self.settings.shutdown_grace_s)
+            self.webhooks.start()
             stack.callback(self.runner.join, _ABANDON_S)
             for pool in (self.segment_pool, self.build_pool):
                 stack.callback(pool.close)
@@ -176,6 +184,10 @@ class Application:
     def _drain(self) -> None:
         if not self.runner.stop(self.settings.shutdown_grace_s):
             _log.warning("some jobs did not end in time; they are done after the next start")
+
+    def _open_sender(self) -> WebhookSender:
+        settings = self.settings
+        return WebhookSender(private_networks=settings.webhook_private_networks, timeout_s=settings.webhook_timeout_s)
 
     def _make_pool(self, workers: int, time_limit_s: float) -> Pool:
         if self.settings.pool is PoolKind.INLINE:

@@ -76,6 +76,14 @@ class Settings(BaseSettings):
     rate_limit_burst: int = Field(default=200, ge=1, description="Requests a key may make at once.")
     cors_origins: tuple[str, ...] = Field(default=(), description="Origins (JSON list) whose pages may call the API.")
 
+    webhook_private_networks: bool = Field(
+        default=False, description="Webhooks may be plain http, and lead into the service's own network."
+    )
+    webhook_timeout_s: float = Field(default=10.0, gt=0, description="How long a webhook may take to answer.")
+    webhook_give_up_s: float = Field(
+        default=86_400.0, ge=0, description="A message that cannot be delivered for so long is given up."
+    )
+
     log_level: LogLevel = Field(default=LogLevel.INFO, description="Least severe message that is written.")
     log_json: bool = Field(default=False, description="One JSON object a line instead of text.")
 

@@ -39,6 +39,8 @@ TAGS = [
     {"name": "positions", "description": "Fixes of a session."},
     {"name": "live", "description": "Sessions as they go."},
     {"name": "ingest", "description": "Phones that push: tokens, messages, recordings, markers."},
+    {"name": "geofences", "description": "Areas of levels, and who entered or left them."},
+    {"name": "webhooks", "description": "Addresses that are told what happens."},
     {"name": "locate", "description": "One call, no session."},
     {"name": "jobs", "description": "Durable work: map builds, segments."},
     {"name": "methods", "description": "Positioning methods and their parameters."},

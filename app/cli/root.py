@@ -13,6 +13,7 @@ from app.cli import (
     demo,
     evaluate,
     exchange,
+    geofences,
     keys,
     locate,
     maps,
@@ -22,6 +23,7 @@ from app.cli import (
     sessions,
     surveys,
     versions,
+    webhooks,
 )
 from app.cli.common import NAMED
 
@@ -51,6 +53,8 @@ maps.app.command("forecast")(planning.forecast)
 app.command("locate")(locate.locate)
 app.command("replay")(replay.replay)
 app.add_typer(sessions.app, name="session")
+app.add_typer(geofences.app, name="geofence")
+app.add_typer(webhooks.app, name="webhook")
 app.add_typer(evaluate.app, name="evaluate")
 app.add_typer(bench.app, name="bench")
 app.add_typer(keys.app, name="keys")

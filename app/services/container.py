@@ -12,6 +12,7 @@ from app.services.contributions import ContributionService
 from app.services.device_models import DeviceModelService
 from app.services.devices import DeviceService
 from app.services.exchange import ExchangeService
+from app.services.geofences import GeofenceService
 from app.services.ground_truth import GroundTruthService
 from app.services.idempotency import IdempotencyService
 from app.services.ingest.ports import UploadChecks
@@ -34,6 +35,8 @@ from app.services.tasks import LocateTask, ReplayTask, SmoothTask
 from app.services.trajectories import TrajectoryService
 from app.services.venues import VenueService
 from app.services.versions import VersionService
+from app.services.webhook_outbox import OutboxService, RetryPolicy
+from app.services.webhooks import WebhookService
 
 DEFAULT_MAX_QUEUED = 10_000
 
@@ -66,6 +69,9 @@ class Services:
     ground_truth: GroundTruthService
     alarms: AlarmService
     exchange: ExchangeService
+    geofences: GeofenceService
+    webhooks: WebhookService
+    outbox: OutboxService
 
 
 def build_services(
@@ -83,6 +89,8 @@ def build_services(
     max_queued: int = DEFAULT_MAX_QUEUED,
     check: MethodCheck = check_method,
     host: Host | None = None,
+    webhook_private_networks: bool = False,
+    webhook_retries: RetryPolicy | None = None,
 ) -> Services:
     """Wire the use cases.
 
@@ -126,4 +134,7 @@ def build_services(
         ground_truth=GroundTruthService(uow=uow, clock=clock),
         alarms=AlarmService(uow=uow, clock=clock, host=host),
         exchange=ExchangeService(uow=uow, clock=clock, cache=cache),
+        geofences=GeofenceService(uow=uow, clock=clock),
+        webhooks=WebhookService(uow=uow, clock=clock, private_networks=webhook_private_networks),
+        outbox=OutboxService(uow=uow, clock=clock, policy=webhook_retries),
     )

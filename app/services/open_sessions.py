@@ -32,6 +32,8 @@ from app.services.records import (
     Session,
     SessionStatus,
 )
+from app.services.session_end import end_if_over
+from app.services.webhook_news import tell_closed
 
 RETRY_AFTER_S = 2.0
 
@@ -80,6 +82,15 @@ def open_session(uow: UnitOfWork, new: NewSession, calibration: DeviceCalibratio
         contributor=new.contributor,
     )
     uow.sessions.add(session)
+    return session
+
+
+def close_session(uow: UnitOfWork, session_id: str, now: datetime) -> Session:
+    """Take no more segments; those accepted are still processed. Closing again changes nothing."""
+    session = uow.sessions.close(session_id, now)
+    if session.closed_at == now:  # not closed before
+        tell_closed(uow, session)
+    end_if_over(uow, session_id, now)
     return session
 
 

@@ -27,6 +27,7 @@ from app.engine.types import (
 )
 from app.services.activity import ActivityRepository, InventoryRepository
 from app.services.aids import Recording
+from app.services.geofence_ports import GeofenceRepository
 from app.services.ground_truth_records import GroundTruthRepository
 from app.services.ingest.ports import IngestRepository
 from app.services.records import (
@@ -66,6 +67,7 @@ from app.services.records import (
 )
 from app.services.tasks import MapRef
 from app.services.walk_tracks import WalkTrack
+from app.services.webhook_ports import WebhookRepository
 
 if TYPE_CHECKING:
     from app.services.search import Search
@@ -475,6 +477,8 @@ class UnitOfWork(Protocol):
     contributions: ContributionRepository
     publications: PublicationRepository
     sessions: SessionRepository
+    geofences: GeofenceRepository
+    webhooks: WebhookRepository
     jobs: JobRepository
     keys: KeyRepository
     idempotency: IdempotencyRepository

@@ -11,7 +11,7 @@ from app.services.device_memory import starting_calibration
 from app.services.errors import InvalidError
 from app.services.live import SessionListener
 from app.services.methods import MethodCheck, check_method
-from app.services.open_sessions import NewSession, accept_segment, open_session
+from app.services.open_sessions import NewSession, accept_segment, close_session, open_session
 from app.services.ports import JobListener, MapCache, UnitOfWorkFactory
 from app.services.records import (
     Accepted,
@@ -23,7 +23,6 @@ from app.services.records import (
     Session,
     SessionStatus,
 )
-from app.services.session_end import end_if_over
 
 
 class SessionService(Service):
@@ -122,8 +121,7 @@ class SessionService(Service):
         """
         now = self._clock()
         with self._uow(write=True) as uow:
-            session = uow.sessions.close(session_id, now)
-            end_if_over(uow, session_id, now)
+            session = close_session(uow, session_id, now)
         self._watchers.session_changed(session_id)
         return session
 

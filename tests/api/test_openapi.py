@@ -17,6 +17,7 @@ from app.api.schemas import (
     contributions,
     device_models,
     devices,
+    geofences,
     ground_truth,
     health,
     ingest,
@@ -37,6 +38,7 @@ from app.api.schemas import (
     venues,
     versions,
     waypoints,
+    webhooks,
 )
 from app.api.schemas import samples as sample_schemas
 from app.engine.localization.registry import METHODS
@@ -48,6 +50,7 @@ MODULES = [
     device_models,
     devices,
     ground_truth,
+    geofences,
     health,
     ingest,
     jobs,
@@ -68,6 +71,7 @@ MODULES = [
     venues,
     versions,
     waypoints,
+    webhooks,
 ]
 HIDDEN = {"GET /docs", "GET /openapi.json"}
 
@@ -175,6 +179,7 @@ def test_creating_calls_take_idempotency_keys(document: dict[str, Any]) -> None:
         "POST /v1/devices",
         "POST /v1/surveys",
         "POST /v1/sessions",
+        "POST /v1/geofences",
     }
 
 

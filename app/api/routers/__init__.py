@@ -5,6 +5,7 @@ from app.api.routers import (
     device_models,
     devices,
     exchange,
+    geofences,
     ground_truth,
     health,
     ingest,
@@ -30,6 +31,7 @@ from app.api.routers import (
     venues,
     versions,
     waypoints,
+    webhooks,
 )
 
 ROUTERS = (
@@ -57,6 +59,8 @@ ROUTERS = (
     ingest.router,
     ingest_tokens.router,
     recordings.router,
+    geofences.router,
+    webhooks.router,
     locate.router,
     jobs.router,
     methods.router,

@@ -23,10 +23,11 @@ from app.services.ingest.records import (
     RecordingState,
 )
 from app.services.ingest.surveying import finish_survey
+from app.services.ingest.truth import keep_truth
 from app.services.live import SessionListener
+from app.services.open_sessions import close_session
 from app.services.ports import JobListener, UnitOfWork, UnitOfWorkFactory
 from app.services.records import Page
-from app.services.session_end import end_if_over
 
 MAX_MARKERS = 5000
 _AT_ONCE = 100
@@ -185,9 +186,9 @@ class RecordingService(Service):
             except SessionClosedError:
                 pass  # by hand, before the phone was done
             else:
-                uow.sessions.close(session_id, now)
-                end_if_over(uow, session_id, now)
+                close_session(uow, session_id, now)
             recording = replace(receiver.recording, state=RecordingState.CLOSED, closed_at=now)
+            keep_truth(uow, token, recording, now)
             effects.sessions.append(session_id)
         uow.ingest.save(recording, None)
         return recording

@@ -47,6 +47,7 @@ from isodyn_client.errors import (
     UnexpectedAnswerError,
 )
 from isodyn_client.fixes import Coverage, FieldRaster, Fixes
+from isodyn_client.geofences import Geofence, GeofenceEvent, GeofenceEventKind
 from isodyn_client.models import (
     Anchor,
     ApiKey,
@@ -96,6 +97,15 @@ from isodyn_client.results import FixComparison, LocateResult, PositionPage, Rep
 from isodyn_client.retry import RetryPolicy
 from isodyn_client.samples import Samples, Waypoints
 from isodyn_client.survey_files import ImportedWalk, SurveyImport
+from isodyn_client.webhooks import (
+    Delivery,
+    DeliveryState,
+    InvalidSignatureError,
+    NewWebhook,
+    Webhook,
+    WebhookMessage,
+    verify_webhook,
+)
 
 __all__ = [
     "Aids",
@@ -112,6 +122,8 @@ __all__ = [
     "ConnectionFailedError",
     "Contribution",
     "Coverage",
+    "Delivery",
+    "DeliveryState",
     "Device",
     "DeviceCalibration",
     "DeviceModel",
@@ -125,10 +137,14 @@ __all__ = [
     "FixKind",
     "Fixes",
     "ForbiddenError",
+    "Geofence",
+    "GeofenceEvent",
+    "GeofenceEventKind",
     "GnssFixes",
     "Hypothesis",
     "ImportedWalk",
     "InvalidRequestError",
+    "InvalidSignatureError",
     "IsodynError",
     "Job",
     "JobFailedError",
@@ -147,6 +163,7 @@ __all__ = [
     "MethodParameter",
     "ModelEstimate",
     "NewApiKey",
+    "NewWebhook",
     "NoAnchorError",
     "NoMapError",
     "NotFoundError",
@@ -196,5 +213,8 @@ __all__ = [
     "WalkReport",
     "WalkTrack",
     "Waypoints",
+    "Webhook",
+    "WebhookMessage",
     "WifiScans",
+    "verify_webhook",
 ]

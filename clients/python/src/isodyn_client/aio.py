@@ -10,6 +10,8 @@ from typing import Any, Concatenate, ParamSpec, Self, TypeVar
 import httpx
 
 from isodyn_client import endpoints, operations, survey_files
+from isodyn_client import geofences as geofence_calls
+from isodyn_client import webhooks as webhook_calls
 from isodyn_client.aids import Aids
 from isodyn_client.calls import Call, Listing
 from isodyn_client.connection import Connection
@@ -248,6 +250,23 @@ class AsyncClient:
     trajectory = _call(endpoints.trajectory)
     replay = _call(endpoints.replay)
     locate = _call(endpoints.locate)
+
+    create_geofence = _call(geofence_calls.create_geofence)
+    geofence = _call(geofence_calls.geofence)
+    geofences = _list(geofence_calls.geofences)
+    update_geofence = _call(geofence_calls.update_geofence)
+    delete_geofence = _call(geofence_calls.delete_geofence)
+    geofence_events = _list(geofence_calls.geofence_events)
+    geofence_events_csv = _call(geofence_calls.geofence_events_csv)
+
+    create_webhook = _call(webhook_calls.create_webhook)
+    webhook = _call(webhook_calls.webhook)
+    webhooks = _list(webhook_calls.webhooks)
+    update_webhook = _call(webhook_calls.update_webhook)
+    delete_webhook = _call(webhook_calls.delete_webhook)
+    webhook_deliveries = _list(webhook_calls.webhook_deliveries)
+    test_webhook = _call(webhook_calls.test_webhook)
+    redeliver = _call(webhook_calls.redeliver)
 
     job = _call(endpoints.job)
     jobs = _list(endpoints.jobs)
