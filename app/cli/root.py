@@ -21,6 +21,7 @@ from app.cli import (
     serve,
     sessions,
     surveys,
+    tracks,
     versions,
 )
 from app.cli.common import NAMED
@@ -50,6 +51,7 @@ maps.app.command("suggest")(planning.suggest)
 maps.app.command("forecast")(planning.forecast)
 app.command("locate")(locate.locate)
 app.command("replay")(replay.replay)
+sessions.app.command("export")(tracks.export)
 app.add_typer(sessions.app, name="session")
 app.add_typer(evaluate.app, name="evaluate")
 app.add_typer(bench.app, name="bench")
