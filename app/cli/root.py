@@ -8,6 +8,7 @@ import typer
 
 from app.cli import (
     bench,
+    bridges,
     contributions,
     database,
     demo,
@@ -53,6 +54,7 @@ app.command("locate")(locate.locate)
 app.command("replay")(replay.replay)
 sessions.app.command("export")(tracks.export)
 app.add_typer(sessions.app, name="session")
+app.add_typer(bridges.app, name="bridge")
 app.add_typer(evaluate.app, name="evaluate")
 app.add_typer(bench.app, name="bench")
 app.add_typer(keys.app, name="keys")

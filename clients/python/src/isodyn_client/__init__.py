@@ -23,6 +23,7 @@ from isodyn_client.aio import AsyncClient, AsyncSession
 from isodyn_client.client import Client, Session
 from isodyn_client.encoding import Encoding
 from isodyn_client.errors import (
+    BridgeError,
     ConflictError,
     ConnectionFailedError,
     FieldError,
@@ -101,6 +102,7 @@ __all__ = [
     "AsyncClient",
     "AsyncSession",
     "BleScans",
+    "BridgeError",
     "Calibration",
     "CalibrationSource",
     "Client",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine, Iterator, Mapping, Sequence
+from contextlib import AbstractAsyncContextManager
 from types import TracebackType
 from typing import Any, Concatenate, ParamSpec, Self, TypeVar
 
@@ -137,6 +138,10 @@ class AsyncClient:
         body = step.call.body
         content = _chunks(body.chunks()) if body is not None else None
         return await self._http.send(self._http.build_request(content=content, **self.connection.request(step.call)))
+
+    def stream(self, call: Call[Any]) -> AbstractAsyncContextManager[httpx.Response]:
+        """Send a call once and leave its answer open, to be read as it comes."""
+        return self._http.stream(**self.connection.request(call))
 
     async def open_session(
         self,

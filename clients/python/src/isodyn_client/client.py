@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager
 from types import TracebackType
 from typing import Any, Concatenate, ParamSpec, Self, TypeVar
 
@@ -143,6 +144,10 @@ class Client:
         body = step.call.body
         content = body.chunks() if body is not None else None
         return self._http.send(self._http.build_request(content=content, **self.connection.request(step.call)))
+
+    def stream(self, call: Call[Any]) -> AbstractContextManager[httpx.Response]:
+        """Send a call once and leave its answer open, to be read as it comes (:mod:`isodyn_client.sse`)."""
+        return self._http.stream(**self.connection.request(call))
 
     def open_session(
         self,
