@@ -21,6 +21,7 @@ from app.cli import (
     replay,
     serve,
     sessions,
+    stream,
     surveys,
     tracks,
     versions,
@@ -52,6 +53,7 @@ maps.app.command("suggest")(planning.suggest)
 maps.app.command("forecast")(planning.forecast)
 app.command("locate")(locate.locate)
 app.command("replay")(replay.replay)
+app.command("stream")(stream.stream)
 sessions.app.command("export")(tracks.export)
 app.add_typer(sessions.app, name="session")
 app.add_typer(bridges.app, name="bridge")

@@ -94,6 +94,8 @@ from isodyn_client.planning import MapQuality, RouteForecast, Stretch, Suggestio
 from isodyn_client.results import FixComparison, LocateResult, PositionPage, Replay, SegmentInfo, SegmentResult
 from isodyn_client.retry import RetryPolicy
 from isodyn_client.samples import Samples, Waypoints
+from isodyn_client.spool import Spool
+from isodyn_client.uploader import Uploader
 
 __all__ = [
     "Aids",
@@ -171,6 +173,7 @@ __all__ = [
     "SessionStart",
     "SessionStatus",
     "SpeedReadings",
+    "Spool",
     "Stats",
     "Status",
     "StepCounts",
@@ -182,6 +185,7 @@ __all__ = [
     "TooLargeError",
     "UnauthorizedError",
     "UnexpectedAnswerError",
+    "Uploader",
     "Venue",
     "VenueKind",
     "Walk",
