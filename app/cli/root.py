@@ -8,6 +8,7 @@ import typer
 
 from app.cli import (
     bench,
+    bridges,
     contributions,
     database,
     demo,
@@ -21,7 +22,9 @@ from app.cli import (
     replay,
     serve,
     sessions,
+    stream,
     surveys,
+    tracks,
     versions,
     webhooks,
 )
@@ -52,9 +55,12 @@ maps.app.command("suggest")(planning.suggest)
 maps.app.command("forecast")(planning.forecast)
 app.command("locate")(locate.locate)
 app.command("replay")(replay.replay)
+app.command("stream")(stream.stream)
+sessions.app.command("export")(tracks.export)
 app.add_typer(sessions.app, name="session")
 app.add_typer(geofences.app, name="geofence")
 app.add_typer(webhooks.app, name="webhook")
+app.add_typer(bridges.app, name="bridge")
 app.add_typer(evaluate.app, name="evaluate")
 app.add_typer(bench.app, name="bench")
 app.add_typer(keys.app, name="keys")

@@ -32,6 +32,7 @@ from app.services.sessions import SessionService
 from app.services.stats import StatsService
 from app.services.surveys import SurveyService
 from app.services.tasks import LocateTask, ReplayTask, SmoothTask
+from app.services.tracks import TrackService
 from app.services.trajectories import TrajectoryService
 from app.services.venues import VenueService
 from app.services.versions import VersionService
@@ -60,6 +61,7 @@ class Services:
     recordings: RecordingService
     locate: LocateService
     trajectories: TrajectoryService
+    tracks: TrackService
     replays: ReplayService
     jobs: JobService
     processing: ProcessingService
@@ -99,6 +101,7 @@ def build_services(
     Without a ``host`` nobody looks after disk and workers.
     """
     maps = MapService(uow=uow, clock=clock, cache=cache, listener=listener)
+    trajectories = TrajectoryService(uow=uow, clock=clock, executor=executor, cache=cache, task=smooth_task)
     return Services(
         venues=VenueService(uow=uow, clock=clock),
         search=SearchService(uow=uow, clock=clock),
@@ -124,7 +127,8 @@ def build_services(
             uow=uow, clock=clock, checks=checks, listener=listener, watchers=watchers, max_queued=max_queued
         ),
         locate=LocateService(uow=uow, clock=clock, executor=executor, cache=cache, task=locate_task, check=check),
-        trajectories=TrajectoryService(uow=uow, clock=clock, executor=executor, cache=cache, task=smooth_task),
+        trajectories=trajectories,
+        tracks=TrackService(uow=uow, clock=clock, trajectories=trajectories),
         replays=ReplayService(uow=uow, clock=clock, executor=executor, cache=cache, task=replay_task),
         jobs=JobService(uow=uow, clock=clock, listener=listener),
         processing=ProcessingService(uow=uow, clock=clock, cache=cache),

@@ -97,6 +97,7 @@ TABLE = {
     "GET /v1/sessions/{session_id}/segments/{seq}": LOCATE,
     "GET /v1/sessions/{session_id}/positions": LOCATE,
     "GET /v1/sessions/{session_id}/trajectory": LOCATE,
+    "GET /v1/sessions/{session_id}/track": LOCATE,
     "POST /v1/sessions/{session_id}/replay": LOCATE,
     "POST /v1/sessions/{session_id}/ground-truth": LOCATE,
     "GET /v1/sessions/{session_id}/ground-truth": LOCATE,

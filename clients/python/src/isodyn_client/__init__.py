@@ -23,6 +23,7 @@ from isodyn_client.aio import AsyncClient, AsyncSession
 from isodyn_client.client import Client, Session
 from isodyn_client.encoding import Encoding
 from isodyn_client.errors import (
+    BridgeError,
     ConflictError,
     ConnectionFailedError,
     FieldError,
@@ -96,7 +97,9 @@ from isodyn_client.planning import MapQuality, RouteForecast, Stretch, Suggestio
 from isodyn_client.results import FixComparison, LocateResult, PositionPage, Replay, SegmentInfo, SegmentResult
 from isodyn_client.retry import RetryPolicy
 from isodyn_client.samples import Samples, Waypoints
+from isodyn_client.spool import Spool
 from isodyn_client.survey_files import ImportedWalk, SurveyImport
+from isodyn_client.uploader import Uploader
 from isodyn_client.webhooks import (
     Delivery,
     DeliveryState,
@@ -115,6 +118,7 @@ __all__ = [
     "AsyncClient",
     "AsyncSession",
     "BleScans",
+    "BridgeError",
     "Calibration",
     "CalibrationSource",
     "Client",
@@ -192,6 +196,7 @@ __all__ = [
     "SessionStart",
     "SessionStatus",
     "SpeedReadings",
+    "Spool",
     "Stats",
     "StatsTable",
     "Status",
@@ -207,6 +212,7 @@ __all__ = [
     "TruthPoint",
     "UnauthorizedError",
     "UnexpectedAnswerError",
+    "Uploader",
     "Venue",
     "VenueKind",
     "Walk",

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine, Iterator, Mapping, Sequence
+from contextlib import AbstractAsyncContextManager
 from types import TracebackType
 from typing import Any, Concatenate, ParamSpec, Self, TypeVar
 
 import httpx
 
-from isodyn_client import endpoints, operations, survey_files
+from isodyn_client import endpoints, operations, survey_files, tracks
 from isodyn_client import geofences as geofence_calls
 from isodyn_client import webhooks as webhook_calls
 from isodyn_client.aids import Aids
@@ -140,6 +141,10 @@ class AsyncClient:
         content = _chunks(body.chunks()) if body is not None else None
         return await self._http.send(self._http.build_request(content=content, **self.connection.request(step.call)))
 
+    def stream(self, call: Call[Any]) -> AbstractAsyncContextManager[httpx.Response]:
+        """Send a call once and leave its answer open, to be read as it comes."""
+        return self._http.stream(**self.connection.request(call))
+
     async def open_session(
         self,
         level_id: str | None = None,
@@ -248,6 +253,7 @@ class AsyncClient:
     positions = _flow(Flows.positions)
     positions_geojson = _call(endpoints.positions_geojson)
     trajectory = _call(endpoints.trajectory)
+    track = _call(tracks.track)
     replay = _call(endpoints.replay)
     locate = _call(endpoints.locate)
 

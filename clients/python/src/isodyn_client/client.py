@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager
 from types import TracebackType
 from typing import Any, Concatenate, ParamSpec, Self, TypeVar
 
 import httpx
 
-from isodyn_client import endpoints, operations, survey_files
+from isodyn_client import endpoints, operations, survey_files, tracks
 from isodyn_client import geofences as geofence_calls
 from isodyn_client import webhooks as webhook_calls
 from isodyn_client.aids import Aids
@@ -146,6 +147,10 @@ class Client:
         content = body.chunks() if body is not None else None
         return self._http.send(self._http.build_request(content=content, **self.connection.request(step.call)))
 
+    def stream(self, call: Call[Any]) -> AbstractContextManager[httpx.Response]:
+        """Send a call once and leave its answer open, to be read as it comes (:mod:`isodyn_client.sse`)."""
+        return self._http.stream(**self.connection.request(call))
+
     def open_session(
         self,
         level_id: str | None = None,
@@ -254,6 +259,7 @@ class Client:
     positions = _flow(Flows.positions)
     positions_geojson = _call(endpoints.positions_geojson)
     trajectory = _call(endpoints.trajectory)
+    track = _call(tracks.track)
     replay = _call(endpoints.replay)
     locate = _call(endpoints.locate)
 
