@@ -30,6 +30,7 @@ PAGES = [
         "docs/surveying.md",
         "docs/maps.md",
         "docs/exchange.md",
+        "docs/phones.md",
         "clients/python/README.md",
         "maps/README.md",
     )

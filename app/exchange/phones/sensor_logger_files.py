@@ -21,7 +21,7 @@ from app.exchange.phones.recorded import MAX_ROWS, Archive, Recorded, Table, is_
 from app.exchange.phones.sensor_logger import ANNOTATION, NAMES, values_of
 
 MAX_JSON = 64 * 2**20
-"""Bytes of a JSON export: 20 minutes of four sensors at 100 Hz."""
+"""Bytes of a JSON export: a quarter of an hour of four sensors at 100 Hz."""
 MAX_BYTES = 256 * 2**20
 METADATA = "metadata"
 _SIDE_TABLES = frozenset({METADATA, "annotation", "studymetadata"})
