@@ -32,6 +32,7 @@ PAGES = [
         "docs/exchange.md",
         "docs/geofences.md",
         "docs/outputs.md",
+        "docs/phones.md",
         "clients/python/README.md",
         "maps/README.md",
     )
