@@ -51,7 +51,7 @@ def kernels(pytestconfig: pytest.Config) -> Path:
 @pytest.fixture(scope="package")
 def service(tmp_path_factory: pytest.TempPathFactory, kernels: Path) -> Iterator[Service]:
     folder = tmp_path_factory.mktemp("dashboard")
-    quick = {"ISODYN_WORKERS": "1", "NUMBA_CACHE_DIR": str(kernels)}
+    quick = {"ISODYN_WORKERS": "1", "ISODYN_POOL": "threads", "NUMBA_CACHE_DIR": str(kernels)}
     service = Service(folder / "data", environment=quick)
     try:
         service.start()
