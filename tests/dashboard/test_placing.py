@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import json
 from typing import Any
 
 import numpy as np
@@ -77,3 +78,37 @@ def test_a_picture_is_placed_by_two_points(dashboard: Dashboard, service: Servic
     # 30 pixels above the points' line is 6 m to the left of it
     assert (columns.mean() + 0.5) / per_m == pytest.approx(24.0, abs=0.5)
     assert 50 - (rows.mean() + 0.5) / per_m == pytest.approx(30.0, abs=0.5)
+
+
+def test_a_level_grows_to_its_picture(blank: Page) -> None:
+    """200 x 100 pixels of 0.5 m, turned by a right angle."""
+    given = {"image": {"width": 200, "height": 100}, "where": {"a": {"re": 0, "im": 0.5}, "b": {"x": 3.5, "y": -1}}}
+    extent: Any = run(blank, "pages/level/placing.js", "return m.reach(given.image, given.where);", given)
+    assert extent == {"x_min": -47, "x_max": 4, "y_min": -1, "y_max": 99}
+
+
+def test_a_level_is_edited(dashboard: Dashboard, service: Service) -> None:
+    dashboard.expect(422, "/v1/levels/lvl_.*")
+    venue = service.post("/v1/venues", {"name": "Edited", "kind": "indoor"})
+    extent = {"x_min": 0, "y_min": 0, "x_max": 60, "y_max": 50}
+    level = service.post(f"/v1/venues/{venue['id']}/levels", {"name": "0", "ordinal": 0, "extent": extent})
+    page = dashboard.open(f"/levels/{level['id']}")
+    page.get_by_role("button", name="Edit", exact=True).click()
+    dialog = page.get_by_role("dialog")
+    dialog.get_by_label("Name").fill("Ground")
+    dialog.get_by_label("x max").fill("-1")
+    dialog.get_by_role("button", name="Save").click()
+    expect(dialog.get_by_role("alert")).to_contain_text("x_max")
+    dialog.get_by_label("x max").fill("80")
+    plan = {"type": "Polygon", "coordinates": [[[0, 0], [80, 0], [80, 50], [0, 0]]]}
+    collection = {"type": "FeatureCollection", "features": [{"type": "Feature", "properties": {}, "geometry": plan}]}
+    dialog.get_by_label("Vector plan").set_input_files(
+        {"name": "plan.geojson", "mimeType": "application/geo+json", "buffer": json.dumps(collection).encode()}
+    )
+    dashboard.screenshots("edit-level")
+    dialog.get_by_role("button", name="Save").click()
+    expect(page.get_by_role("heading", name="Ground")).to_be_visible()
+    expect(page.get_by_label("Vector plan")).to_be_checked()
+    changed = service.get(f"/v1/levels/{level['id']}")
+    assert changed["extent"]["x_max"] == 80.0
+    assert changed["has_vector_plan"]

@@ -4,6 +4,7 @@ import { facts, figure, fill, h, icon, percent, replace, toggle, unit } from "..
 import { levelPlan } from "../plans.js";
 import { buildButton } from "./level/building.js";
 import { Comparison } from "./level/compare.js";
+import { editLevel } from "./level/editing.js";
 import { markersCard } from "./level/markers.js";
 import { geofenceLayer, walkLayer } from "./level/overlays.js";
 import { placePlan } from "./level/placing.js";
@@ -74,7 +75,8 @@ class LevelPage {
         this.may && h(
           "div",
           { class: "row" },
-          h("button", { type: "button", onclick: () => this.#plan() }, icon("upload"), "Plan picture"),
+          h("button", { type: "button", onclick: () => this.#change(editLevel) }, icon("edit"), "Edit"),
+          h("button", { type: "button", onclick: () => this.#change(placePlan) }, icon("upload"), "Plan picture"),
           build.button,
         ),
       ),
@@ -86,8 +88,8 @@ class LevelPage {
     return h("section", { class: "card", "aria-label": "The map in numbers" }, this.summary);
   }
 
-  async #plan() {
-    if (await placePlan(this.app, this.level)) this.app.reload();
+  async #change(ask) {
+    if (await ask(this.app, this.level)) this.app.reload();
   }
 
   #show(map) {

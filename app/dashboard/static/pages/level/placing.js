@@ -41,6 +41,17 @@ export function placed(image, { a, b, scale }, extent) {
   return canvas;
 }
 
+/** The rectangle of whole metres around a picture that a similarity puts in place. */
+export function reach(image, { a, b }) {
+  const corners = [[0, 0], [image.width, 0], [0, image.height], [image.width, image.height]];
+  const xs = corners.map(([u, v]) => a.re * u - a.im * v + b.x);
+  const ys = corners.map(([u, v]) => a.im * u + a.re * v + b.y);
+  return {
+    x_min: Math.floor(Math.min(...xs)), y_min: Math.floor(Math.min(...ys)),
+    x_max: Math.ceil(Math.max(...xs)), y_max: Math.ceil(Math.max(...ys)),
+  };
+}
+
 /** Ask for a picture and where it lies, and send it; true if it was. */
 export function placePlan(app, level) {
   return dialog(`Plan of ${level.name}`, (close) => {
@@ -55,6 +66,7 @@ export function placePlan(app, level) {
         hint,
         pointFields("a", "First point"),
         pointFields("b", "Second point"),
+        { name: "grow", label: "Make the level as large as the picture", type: "checkbox", value: false },
       ],
       async (values) => {
         await send(app, level, state, { ...values, a: readPoint(entry, "a"), b: readPoint(entry, "b") });
@@ -65,7 +77,7 @@ export function placePlan(app, level) {
     );
     const byPoints = () => entry.fieldOf("how").input.value === "points";
     const update = () => {
-      entry.querySelectorAll("fieldset").forEach((one) => { one.hidden = !byPoints(); });
+      for (const one of [...entry.querySelectorAll("fieldset"), entry.fieldOf("grow")]) one.hidden = !byPoints();
       hint.textContent = byPoints() && state.image
         ? ["Click the first point on the picture.", "Click the second point.", "Both points are set; click again to start anew."][state.points.length]
         : "";
@@ -124,13 +136,16 @@ function pictureView(state, onchange) {
   return view.element;
 }
 
-async function send(app, level, state, { how, a, b }) {
+async function send(app, level, state, { how, a, b, grow }) {
   let body = state.file;
   if (how === "points") {
     if (state.points.length < 2) throw new Error("Click two points on the picture first.");
     if (![a.x, a.y, b.x, b.y].every(Number.isFinite)) throw new Error("Give x and y of both points, in metres of the level.");
     if (Math.hypot(a.x - b.x, a.y - b.y) < 0.5) throw new Error("The two points must lie apart: the further, the better.");
-    const canvas = placed(state.image, similarity(state.points, [a, b]), level.extent);
+    const where = similarity(state.points, [a, b]);
+    const extent = grow ? reach(state.image, where) : level.extent;
+    if (grow) await app.api.patch(`/v1/levels/${level.id}`, { extent });
+    const canvas = placed(state.image, where, extent);
     body = await new Promise((resolve) => canvas.toBlob(resolve, "image/png"));
   }
   await app.api.fetch("PUT", `/v1/levels/${level.id}/plan.png`, { body, headers: { "Content-Type": "image/png" } });
