@@ -11,7 +11,7 @@ const CLICK_PX = 5;
 const ARROWS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
 
 /**
- * A view of a level.
+ * A view of a level. (A picture is viewed likewise, in pixels: `unit` is what the scale bar says.)
  *
  * Layers are objects with `draw(context, view)` and, if they may be switched off, `visible`; they are drawn in order.
  * The context is in CSS pixels: use `view.pixel(x, y)`, or `view.inMetres(context, draw)` for paths in metres.
@@ -24,7 +24,8 @@ const ARROWS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], Arrow
  *     return () => plan.destroy();
  */
 export class PlanView {
-  constructor({ label, extent, margin = 0.04 }) {
+  constructor({ label, extent, margin = 0.04, unit = "m" }) {
+    this.unit = unit;
     this.layers = [];
     this.onpoint = () => {};
     this.onpick = null;
@@ -193,10 +194,10 @@ export class PlanView {
       context.lineTo(x + width, y);
       context.lineTo(x + width, y - 5);
       context.stroke();
-      if (line > 2) context.strokeText(`${length} m`, x + 6, y - 4);
+      if (line > 2) context.strokeText(`${length} ${this.unit}`, x + 6, y - 4);
     }
     context.fillStyle = colour("text");
-    context.fillText(`${length} m`, x + 6, y - 4);
+    context.fillText(`${length} ${this.unit}`, x + 6, y - 4);
   }
 
   #drawCrosshair(context) {

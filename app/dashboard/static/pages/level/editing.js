@@ -11,7 +11,7 @@ export function editLevel(app, level) {
       [
         { name: "name", label: "Name", required: true, maxlength: 200, value: level.name },
         { name: "ordinal", label: "Storey (0 is the ground floor)", type: "number", step: 1, required: true, value: level.ordinal },
-        ...EDGES.map((edge) => ({ name: `extent.${edge}`, label: `${edge.replace("_", " ")}, m`, type: "number", required: true, value: level.extent[edge] })),
+        ...EDGES.map((edge) => ({ name: `extent.${edge}`, label: `${edge.replace("_", " ")}, m`, type: "number", required: true, half: true, value: level.extent[edge] })),
         { name: "vector", label: "Vector plan (GeoJSON in level metres)", type: "file", accept: ".geojson,.json,application/geo+json", hint: "Empty: it stays as it is. Walls keep trackers in, walkable areas tell where a survey has gaps." },
       ],
       async (values) => {

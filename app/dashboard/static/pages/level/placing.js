@@ -54,7 +54,7 @@ export function reach(image, { a, b }) {
 
 /** Ask for a picture and where it lies, and send it; true if it was. */
 export function placePlan(app, level) {
-  return dialog(`Plan of ${level.name}`, (close) => {
+  return dialog(`Plan picture of ${level.name}`, (close) => {
     const state = { image: null, file: null, points: [] };
     const stage = h("div", {}, empty("Choose a picture", "It is shown here, to be placed by two points."));
     const hint = h("p", { class: "soft small", role: "status" });
@@ -64,8 +64,7 @@ export function placePlan(app, level) {
         { name: "how", label: "Where it lies", type: "select", value: "edges", options: [["edges", "Its edges are those of the level"], ["points", "By two points whose coordinates I know"]] },
         stage,
         hint,
-        pointFields("a", "First point"),
-        pointFields("b", "Second point"),
+        h("div", { class: "fields" }, pointFields("a", "First point"), pointFields("b", "Second point")),
         { name: "grow", label: "Make the level as large as the picture", type: "checkbox", value: false },
       ],
       async (values) => {
@@ -92,7 +91,7 @@ export function placePlan(app, level) {
     });
     update();
     return [entry];
-  });
+  }, { wide: true });
 }
 
 function pointFields(name, words) {
@@ -112,7 +111,7 @@ function readPoint(entry, name) {
 function pictureView(state, onchange) {
   const { image } = state;
   const extent = { x_min: 0, y_min: 0, x_max: image.width, y_max: image.height };
-  const view = new PlanView({ label: "The picture", extent });
+  const view = new PlanView({ label: "The picture", extent, unit: "px" });
   view.element.classList.add("small");
   view.add(pictureLayer(image, extent));
   view.add({
