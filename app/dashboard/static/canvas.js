@@ -50,7 +50,8 @@ export class PlanView {
   #watch;
   #untheme;
   #pending = 0;
-  #fitted = false;
+  // Until the reader moves it, the view shows all, whatever becomes of the window.
+  #showsAll = true;
   #pointers = new Map();
   #pressed = null;
 
@@ -102,8 +103,8 @@ export class PlanView {
     const room = 1 - 2 * this.#margin;
     this.scale = Math.min((this.size.width * room) / width, (this.size.height * room) / height);
     this.centre = { x: (extent.x_min + extent.x_max) / 2, y: (extent.y_min + extent.y_max) / 2 };
-    this.#fitted = true;
     this.#moved();
+    this.#showsAll = extent === this.extent;
   }
 
   /** Zoom about a pixel; without one, about the middle. */
@@ -146,6 +147,7 @@ export class PlanView {
   }
 
   #moved() {
+    this.#showsAll = false;
     this.redraw();
     this.onmove();
   }
@@ -157,8 +159,8 @@ export class PlanView {
     this.size = { width, height };
     this.canvas.width = Math.round(width * ratio);
     this.canvas.height = Math.round(height * ratio);
-    if (this.#fitted) this.#draw();
-    else this.fit();
+    if (this.#showsAll) this.fit();
+    this.#draw();
   }
 
   #draw() {
