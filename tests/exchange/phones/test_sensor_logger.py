@@ -223,6 +223,17 @@ def test_what_is_wrong_with_a_file_is_said(content: bytes, words: str) -> None:
         read_export(content)
 
 
+def test_uncommon_archives_are_refused() -> None:
+    unnamed = zipped(Gravity=HEAD).replace(b"Gravity.csv", b"\0ravity.csv")
+    with pytest.raises(InputError, match="damaged archive"):
+        read_export(unnamed)
+    packed = io.BytesIO()
+    with zipfile.ZipFile(packed, "w", zipfile.ZIP_LZMA) as archive:
+        archive.writestr("Gravity.csv", HEAD)
+    with pytest.raises(InputError, match="uncommon way"):
+        read_export(packed.getvalue())
+
+
 def test_archives_are_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
     bomb = io.BytesIO()
     with zipfile.ZipFile(bomb, "w", zipfile.ZIP_DEFLATED) as archive:
