@@ -19,8 +19,10 @@ MAX_INFLATED = 128 * 2**20
 _MAX_METADATA = 256 * 1024
 DAMAGED_ZIP = (
     zipfile.BadZipFile, zlib.error, EOFError, OSError, ValueError, RuntimeError, NotImplementedError, IndexError,
+    OverflowError,
 )  # fmt: skip
-"""What the standard library raises over damaged, encrypted or exotic archives (IndexError: a file without a name)."""
+"""What the standard library raises over damaged, encrypted or exotic archives (IndexError: a file without a name,
+OverflowError: one that begins beyond all files)."""
 _METHODS = frozenset({zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED})
 _EPOCH = (1980, 1, 1, 0, 0, 0)
 """Time of every file of an archive: equal content gives equal bytes."""
