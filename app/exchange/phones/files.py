@@ -18,8 +18,7 @@ from app.exchange.phones.collecting import plausible
 from app.exchange.phones.errors import FormatError
 from app.exchange.phones.readings import MAX_TIME_NS, MIN_TIME_NS, NS, Readings, Sensor, Series
 from app.exchange.phones.recorded import Recorded, is_zip
-from app.exchange.surveys.getsensordata import SensorLog, read_sensor_log
-from app.exchange.surveys.getsensordata_lines import LogChoices
+from app.exchange.surveys.getsensordata import LogChoices, SensorLog, read_sensor_log
 from app.exchange.surveys.recording import Findings
 
 _UPSIDE_DOWN = -5.0

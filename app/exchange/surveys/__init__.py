@@ -2,8 +2,7 @@
 
 from app.exchange.surveys.archive import read_survey, read_walk, survey_archive, walk_body
 from app.exchange.surveys.csv_file import CsvChoices, read_csv
-from app.exchange.surveys.getsensordata import SensorLog, read_getsensordata, read_sensor_log
-from app.exchange.surveys.getsensordata_lines import LogChoices
+from app.exchange.surveys.getsensordata import LogChoices, SensorLog, read_getsensordata, read_sensor_log
 from app.exchange.surveys.recording import Findings
 
 __all__ = [

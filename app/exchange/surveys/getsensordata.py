@@ -30,6 +30,8 @@ from app.exchange.surveys.recording import (
     walks_of,
 )
 
+__all__ = ["LogChoices", "SensorLog", "aligned", "read_getsensordata", "read_sensor_log"]
+
 _EARLY_PERCENTILE = 5.0
 _MAX_SPREAD_S = 0.5
 """Delays between sensor and application that vary by more are no delays: one of the clocks jumped."""
