@@ -95,3 +95,21 @@ def test_text_stands_out_from_its_ground(dashboard: Dashboard, scheme: Literal["
         if contrast < LEAST_CONTRAST:
             poor[text, ground] = round(contrast, 2)
     assert not poor
+
+
+def test_a_revoked_key_leads_back_to_the_door(dashboard: Dashboard, service: Service) -> None:
+    dashboard.expect(401, "/v1/venues")
+    made = service.post("/v1/keys", {"name": "short-lived", "scopes": ["survey"]})
+    page = dashboard.open("/nowhere", key=made["secret"])
+    assert service.request("DELETE", f"/v1/keys/{made['id']}").status_code == 204
+    page.get_by_role("link", name="To the venues").click()
+    expect(page.get_by_label("API key")).to_be_visible()
+    expect(page.get_by_role("alert")).to_contain_text("A valid API key is needed")
+
+
+def test_a_service_that_is_away_is_said_so(dashboard: Dashboard) -> None:
+    page = dashboard.open("/venues")
+    page.route("**/v1/venues?*", lambda route: route.abort())
+    dashboard.watch.may_lose_requests = True
+    page.get_by_label("Find venues by name").fill("x")
+    expect(page.get_by_role("alert")).to_contain_text("The service cannot be reached")
