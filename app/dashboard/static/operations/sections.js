@@ -8,7 +8,7 @@ import { kindName } from "./words.js";
 
 const PARTS = {
   segments: "Segments (samples)", walks: "Survey walks", map_tiles: "Map tiles", evidence: "Evidence of maps", tracker_states: "Tracker states",
-  plans: "Plans", fixes: "Fixes", jobs: "Jobs", database_file: "Database file", map_cache: "Cached maps", disk_free: "Free on the disk", disk_total: "Disk",
+  plans: "Plans", fixes: "Fixes", fixed_lag_fixes: "Fixed-lag fixes", segment_rows: "Segments (rows)", jobs: "Jobs", database_file: "Database file", map_cache: "Cached maps", disk_free: "Free on the disk", disk_total: "Disk",
 };
 const WINDOW = ["since", "bucket", "venue_id", "level_id", "device_id", "method"];
 const seconds = (value) => (value === null ? "–" : `${fixed(value)} s`);
