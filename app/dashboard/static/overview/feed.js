@@ -21,13 +21,15 @@ export class LiveFeed {
   }
 
   #counts;
+  #begun = performance.now();
   #timer = 0;
 
-  /** Positions told a second, over the last ten seconds. */
+  /** Positions told a second, over the last ten seconds or since the page was opened. */
   get rate() {
-    const from = performance.now() - RATE_S * 1000;
-    while (this.#counts.length && this.#counts[0] < from) this.#counts.shift();
-    return this.#counts.length / RATE_S;
+    const now = performance.now();
+    while (this.#counts.length && this.#counts[0] < now - RATE_S * 1000) this.#counts.shift();
+    const seconds = Math.min(RATE_S, (now - this.#begun) / 1000);
+    return seconds < 1 ? 0 : this.#counts.length / seconds;
   }
 
   /** Listen until the page is left. */

@@ -19,7 +19,7 @@ const WEEK_MS = 7 * 86_400_000;
 export async function render(root, params, app) {
   const cleanups = [];
   const levels = new Map((await app.api.all("/v1/levels")).map((level) => [level.id, level]));
-  const figures = h("section", { class: "card" });
+  const figures = h("section", { class: "card overview-figures", "aria-label": "Figures" });
   root.append(h("div", { class: "page-head" }, h("h1", {}, "Overview")), figures);
   const tiles = figureTiles(figures, app);
   const grid = h("div", { class: "overview-grid" });
@@ -34,13 +34,13 @@ export async function render(root, params, app) {
 
 // Figures: a place each, filled by whoever knows it.
 function figureTiles(card, app) {
-  const names = { live: "live sessions", rate: "positions told a second" };
+  const names = { live: "live sessions", rate: "updates a second, now" };
   if (app.account.may("admin")) {
-    Object.assign(names, { fixes: "fixes a second, last minute", queue: "segments waiting", inside: "known positions in 95 % ellipses (sure, 7 days)", error: "p90 error at known positions" });
+    Object.assign(names, { fixes: "fixes a second, last minute", queue: "segments waiting", inside: "of places in 95 % ellipses", error: "error there (p90, 7 days)" });
   }
   const tiles = Object.fromEntries(Object.entries(names).map(([key, name]) => [key, figure("–", name)]));
   const graph = h("div", { class: "spark-place" });
-  card.append(h("div", { class: "figures" }, Object.values(tiles), graph));
+  card.append(h("div", { class: "figures" }, Object.values(tiles)), graph);
   return {
     set(key, value) {
       const text = tiles[key]?.firstChild;
