@@ -6,6 +6,7 @@ import fcntl
 import sys
 from collections.abc import AsyncIterator, Iterator, Mapping
 from contextlib import ExitStack, asynccontextmanager, contextmanager
+from datetime import timedelta
 from pathlib import Path
 from types import FrameType
 
@@ -15,10 +16,12 @@ from fastapi import FastAPI
 from starlette.concurrency import run_in_threadpool
 
 from app.api import create_api
+from app.api.checks import Checks
 from app.dashboard import router as dashboard
 from app.services.clock import utc_now
 from app.services.container import build_services
 from app.services.tasks import LocateTask
+from app.services.webhook_outbox import RetryPolicy
 from app.settings import PoolKind, Settings
 from app.storage.checkpoints import FileCheckpoints
 from app.storage.database import Database
@@ -30,15 +33,20 @@ from app.workers.broker import JobBroker
 from app.workers.events import JobEvents
 from app.workers.kinds import build_work, contribute_work, segment_work
 from app.workers.live import SessionHub
+from app.workers.periodic import Periodic
 from app.workers.pools import InlineExecutor, ThreadExecutor
 from app.workers.processes import ProcessExecutor
 from app.workers.runner import JobRunner, Lane
 from app.workers.tasks import BuildMap, ContributeSession, LocateSegment, ReplaySession, SmoothSession
+from app.workers.webhook_dispatcher import WebhookDispatcher
+from app.workers.webhook_sender import WebhookSender
 
 Pool = InlineExecutor | ThreadExecutor | ProcessExecutor
 
 _SPARE_JOBS = 2
 """Jobs with a pool beyond its workers, so that a worker finds the next one at once."""
+_SWEEP_S = 5.0
+"""How often recordings that fell silent are looked for."""
 _ABANDON_S = 5.0
 """How long threads may take to notice that their workers are gone."""
 _BANNER = """
@@ -91,6 +99,7 @@ class Application:
             cache=FileMapCache(settings.map_cache_dir, max_bytes=settings.map_cache_bytes),
             listener=events,
             watchers=self.hub,
+            checks=Checks(),
             locate_task=locate,
             smooth_task=SmoothSession(open_map, settings.maps_per_worker),
             replay_task=ReplaySession(open_map, settings.maps_per_worker),
@@ -101,11 +110,16 @@ class Application:
                 alive=lambda: self.segment_pool.alive,
                 wanted=settings.workers,
             ),
+            webhook_private_networks=settings.webhook_private_networks,
+            webhook_retries=RetryPolicy(give_up_s=settings.webhook_give_up_s),
         )
+        self.webhooks = WebhookDispatcher(self.services.outbox, self._open_sender, self.metrics)
         self.runner = self._make_runner(events, locate)
         # The broker first: someone waits there.
-        for listener in (self.broker, self.hub, self.runner, self.metrics):
+        for listener in (self.broker, self.hub, self.runner, self.webhooks, self.metrics):
             events.add(listener)
+        silence = timedelta(seconds=settings.recording_silence_s)
+        self.sweeper = Periodic("recordings", _SWEEP_S, lambda: self.services.recordings.close_silent(silence))
         self._stack = ExitStack()
         self.metrics.workers.set_function(lambda: self.segment_pool.alive)
 
@@ -117,12 +131,16 @@ class Application:
             self.database.migrate()
             _show_once(self.services.accounts.ensure_admin_key())
             recovered = self.services.processing.recover()
+            stack.callback(self.webhooks.stop, self.settings.shutdown_grace_s)
+            self.webhooks.start()
             stack.callback(self.runner.join, _ABANDON_S)
             for pool in (self.segment_pool, self.build_pool):
                 stack.callback(pool.close)
                 pool.start()
             self.runner.start()
             stack.callback(self._drain)
+            self.sweeper.start()
+            stack.callback(self.sweeper.stop)
             self._stack = stack.pop_all()
         _log.info(
             "service started",
@@ -166,6 +184,10 @@ class Application:
     def _drain(self) -> None:
         if not self.runner.stop(self.settings.shutdown_grace_s):
             _log.warning("some jobs did not end in time; they are done after the next start")
+
+    def _open_sender(self) -> WebhookSender:
+        settings = self.settings
+        return WebhookSender(private_networks=settings.webhook_private_networks, timeout_s=settings.webhook_timeout_s)
 
     def _make_pool(self, workers: int, time_limit_s: float) -> Pool:
         if self.settings.pool is PoolKind.INLINE:

@@ -76,6 +76,8 @@ class Access:
 
     scope: Scope | None
     public: bool = False
+    by_token: bool = False
+    """Open to whoever has the token in the path, which the route checks itself."""
 
     async def check(self, request: Request) -> None:
         """Authenticate, count against the rate limit, and compare the scope."""
@@ -113,6 +115,11 @@ def public() -> DependsParam:
     return _depends(_PublicAccess(None, public=True))
 
 
+def by_token() -> DependsParam:
+    """Declare that a route checks a token in its path itself."""
+    return _depends(_PublicAccess(None, public=True, by_token=True))
+
+
 def current_key(request: Request) -> ApiKey:
     """Return the key this request was authenticated with."""
     key = getattr(request.state, "key", None)
@@ -131,6 +138,13 @@ class _PublicAccess(Access):
 
     def __call__(self) -> None:  # type: ignore[override]
         """Do nothing."""
+
+
+def scope_word(access: Access) -> str:
+    """What a route asks of its caller, in a word: a scope, ``any`` key, ``token`` in the path, ``none``."""
+    if access.public:
+        return "token" if access.by_token else "none"
+    return "any" if access.scope is None else access.scope.value
 
 
 def _depends(access: Access) -> DependsParam:

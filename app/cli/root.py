@@ -8,11 +8,13 @@ import typer
 
 from app.cli import (
     bench,
+    bridges,
     contributions,
     database,
     demo,
     evaluate,
     exchange,
+    geofences,
     keys,
     locate,
     maps,
@@ -20,8 +22,11 @@ from app.cli import (
     replay,
     serve,
     sessions,
+    stream,
     surveys,
+    tracks,
     versions,
+    webhooks,
 )
 from app.cli.common import NAMED
 
@@ -50,7 +55,12 @@ maps.app.command("suggest")(planning.suggest)
 maps.app.command("forecast")(planning.forecast)
 app.command("locate")(locate.locate)
 app.command("replay")(replay.replay)
+app.command("stream")(stream.stream)
+sessions.app.command("export")(tracks.export)
 app.add_typer(sessions.app, name="session")
+app.add_typer(geofences.app, name="geofence")
+app.add_typer(webhooks.app, name="webhook")
+app.add_typer(bridges.app, name="bridge")
 app.add_typer(evaluate.app, name="evaluate")
 app.add_typer(bench.app, name="bench")
 app.add_typer(keys.app, name="keys")

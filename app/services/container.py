@@ -12,8 +12,12 @@ from app.services.contributions import ContributionService
 from app.services.device_models import DeviceModelService
 from app.services.devices import DeviceService
 from app.services.exchange import ExchangeService
+from app.services.geofences import GeofenceService
 from app.services.ground_truth import GroundTruthService
 from app.services.idempotency import IdempotencyService
+from app.services.ingest.ports import UploadChecks
+from app.services.ingest.recordings import RecordingService
+from app.services.ingest.tokens import IngestTokenService
 from app.services.jobs import JobService
 from app.services.live import LiveService, SessionListener
 from app.services.locate import LocateService
@@ -28,9 +32,12 @@ from app.services.sessions import SessionService
 from app.services.stats import StatsService
 from app.services.surveys import SurveyService
 from app.services.tasks import LocateTask, ReplayTask, SmoothTask
+from app.services.tracks import TrackService
 from app.services.trajectories import TrajectoryService
 from app.services.venues import VenueService
 from app.services.versions import VersionService
+from app.services.webhook_outbox import OutboxService, RetryPolicy
+from app.services.webhooks import WebhookService
 
 DEFAULT_MAX_QUEUED = 10_000
 
@@ -50,8 +57,11 @@ class Services:
     planning: PlanningService
     sessions: SessionService
     live: LiveService
+    ingest_tokens: IngestTokenService
+    recordings: RecordingService
     locate: LocateService
     trajectories: TrajectoryService
+    tracks: TrackService
     replays: ReplayService
     jobs: JobService
     processing: ProcessingService
@@ -61,6 +71,9 @@ class Services:
     ground_truth: GroundTruthService
     alarms: AlarmService
     exchange: ExchangeService
+    geofences: GeofenceService
+    webhooks: WebhookService
+    outbox: OutboxService
 
 
 def build_services(
@@ -71,12 +84,15 @@ def build_services(
     cache: MapCache,
     listener: JobListener,
     watchers: SessionListener,
+    checks: UploadChecks,
     locate_task: LocateTask,
     smooth_task: SmoothTask,
     replay_task: ReplayTask,
     max_queued: int = DEFAULT_MAX_QUEUED,
     check: MethodCheck = check_method,
     host: Host | None = None,
+    webhook_private_networks: bool = False,
+    webhook_retries: RetryPolicy | None = None,
 ) -> Services:
     """Wire the use cases.
 
@@ -85,6 +101,7 @@ def build_services(
     Without a ``host`` nobody looks after disk and workers.
     """
     maps = MapService(uow=uow, clock=clock, cache=cache, listener=listener)
+    trajectories = TrajectoryService(uow=uow, clock=clock, executor=executor, cache=cache, task=smooth_task)
     return Services(
         venues=VenueService(uow=uow, clock=clock),
         search=SearchService(uow=uow, clock=clock),
@@ -105,8 +122,13 @@ def build_services(
             check=check,
         ),
         live=LiveService(uow=uow, clock=clock),
+        ingest_tokens=IngestTokenService(uow=uow, clock=clock),
+        recordings=RecordingService(
+            uow=uow, clock=clock, checks=checks, listener=listener, watchers=watchers, max_queued=max_queued
+        ),
         locate=LocateService(uow=uow, clock=clock, executor=executor, cache=cache, task=locate_task, check=check),
-        trajectories=TrajectoryService(uow=uow, clock=clock, executor=executor, cache=cache, task=smooth_task),
+        trajectories=trajectories,
+        tracks=TrackService(uow=uow, clock=clock, trajectories=trajectories),
         replays=ReplayService(uow=uow, clock=clock, executor=executor, cache=cache, task=replay_task),
         jobs=JobService(uow=uow, clock=clock, listener=listener),
         processing=ProcessingService(uow=uow, clock=clock, cache=cache),
@@ -116,4 +138,7 @@ def build_services(
         ground_truth=GroundTruthService(uow=uow, clock=clock),
         alarms=AlarmService(uow=uow, clock=clock, host=host),
         exchange=ExchangeService(uow=uow, clock=clock, cache=cache),
+        geofences=GeofenceService(uow=uow, clock=clock),
+        webhooks=WebhookService(uow=uow, clock=clock, private_networks=webhook_private_networks),
+        outbox=OutboxService(uow=uow, clock=clock, policy=webhook_retries),
     )

@@ -27,7 +27,9 @@ from app.engine.types import (
 )
 from app.services.activity import ActivityRepository, InventoryRepository
 from app.services.aids import Recording
+from app.services.geofence_ports import GeofenceRepository
 from app.services.ground_truth_records import GroundTruthRepository
+from app.services.ingest.ports import IngestRepository
 from app.services.records import (
     Anchor,
     ApiKey,
@@ -65,6 +67,7 @@ from app.services.records import (
 )
 from app.services.tasks import MapRef
 from app.services.walk_tracks import WalkTrack
+from app.services.webhook_ports import WebhookRepository
 
 if TYPE_CHECKING:
     from app.services.search import Search
@@ -184,7 +187,9 @@ class SurveyRepository(Protocol):
     def find_walk(self, survey_id: str, content_hash: str) -> Walk | None: ...
     def list_walks(self, survey_id: str, *, cursor: str | None, limit: int) -> Page[Walk]: ...
     def delete_walk(self, walk_id: str) -> None: ...
-    def list_tracks(self, level_id: str, *, cursor: str | None, limit: int) -> Page[WalkTrack]: ...
+    def list_tracks(
+        self, level_id: str, survey_ids: Sequence[str], *, cursor: str | None, limit: int
+    ) -> Page[WalkTrack]: ...
     def count_walks(self, level_id: str, survey_ids: Sequence[str]) -> int: ...
     def carriers(self, level_id: str) -> Mapping[str, Carrier]:
         """The device of each of the level's walks that name one, by walk id."""
@@ -472,9 +477,12 @@ class UnitOfWork(Protocol):
     contributions: ContributionRepository
     publications: PublicationRepository
     sessions: SessionRepository
+    geofences: GeofenceRepository
+    webhooks: WebhookRepository
     jobs: JobRepository
     keys: KeyRepository
     idempotency: IdempotencyRepository
+    ingest: IngestRepository
     ground_truth: GroundTruthRepository
     activity: ActivityRepository
     inventory: InventoryRepository

@@ -13,6 +13,7 @@ from app.services.base import Service
 from app.services.clock import Clock
 from app.services.device_memory import remember_survey
 from app.services.errors import ConflictError, InvalidError, NotSmoothableError
+from app.services.geofencing import watch_fixes
 from app.services.ground_truth import settle
 from app.services.ids import new_id, seed_of
 from app.services.jobs import record_failure
@@ -193,6 +194,7 @@ class ProcessingService(Service):
                 calibration=_usable(result.calibration),
             )
             settle(uow, session_id)
+            watch_fixes(uow, session_id, seq, result.fixes, now)
             if status is SessionStatus.CLOSED:
                 end_if_over(uow, session_id, now)
             return uow.jobs.get(job.id)

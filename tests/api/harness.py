@@ -14,12 +14,13 @@ import numpy as np
 from fastapi import FastAPI
 
 from app.api import create_api
+from app.api.checks import Checks
 from app.engine.types import Float64Array, ImuSamples
 from app.services.aids import Aids
 from app.services.container import Services, build_services
 from app.services.records import Anchor, Job, JobKind, JobState, Level, Scope, VenueKind
 from app.services.tasks import BuildResult
-from app.storage import Database, FileMapCache
+from app.storage import FileMapCache
 from app.workers.broker import JobBroker
 from app.workers.events import JobEvents
 from app.workers.live import SessionHub
@@ -29,6 +30,7 @@ from tests.support.builders import (
     answer_locate,
     answer_replay,
     answer_smooth,
+    database_at,
     map_build,
     new_walk,
     samples,
@@ -112,8 +114,7 @@ class Api:
     """An application with its parts, and short ways to call it."""
 
     def __init__(self, folder: Path, options: Options = Options(), *, max_queued: int = 1000) -> None:
-        self.database = Database.at(folder / "isodyn.db")
-        self.database.migrate()
+        self.database = database_at(folder / "isodyn.db")
         self.clock = SteppingClock()
         self.events, self.broker, self.worker = JobEvents(), JobBroker(), Worker()
         self.hub = SessionHub()
@@ -124,6 +125,7 @@ class Api:
             cache=FileMapCache(folder / "maps"),
             listener=self.events,
             watchers=self.hub,
+            checks=Checks(),
             locate_task=answer_locate,
             smooth_task=answer_smooth,
             replay_task=answer_replay,

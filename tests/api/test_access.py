@@ -8,7 +8,7 @@ from collections.abc import Callable
 import pytest
 from fastapi.routing import iter_route_contexts
 
-from app.api.auth import KEY_CACHE_S, Access, KeyCache
+from app.api.auth import KEY_CACHE_S, Access, KeyCache, scope_word
 from app.api.routing import ApiRoute, UndeclaredAccessError, api_router
 from app.services.records import ApiKey, Scope
 from tests.api.harness import Api
@@ -16,6 +16,7 @@ from tests.support.builders import START
 
 LOCATE, SURVEY, ADMIN = Access(Scope.LOCATE), Access(Scope.SURVEY), Access(Scope.ADMIN)
 ANY, PUBLIC = Access(None), Access(None, public=True)
+TOKEN = Access(None, public=True, by_token=True)
 
 TABLE = {
     "GET /healthz": PUBLIC,
@@ -25,6 +26,19 @@ TABLE = {
     "GET /openapi.json": PUBLIC,
     "GET /v1/sessions/{session_id}/events": LOCATE,
     "GET /v1/live": LOCATE,
+    "POST /v1/ingest-tokens": LOCATE,
+    "GET /v1/ingest-tokens": LOCATE,
+    "GET /v1/ingest-tokens/{token_id}": LOCATE,
+    "DELETE /v1/ingest-tokens/{token_id}": LOCATE,
+    "POST /v1/ingest/sensor-logger/{token}": TOKEN,
+    "POST /v1/ingest/phyphox/{token}": TOKEN,
+    "GET /v1/ingest/phyphox/{token}/experiment.phyphox": TOKEN,
+    "GET /v1/recordings": LOCATE,
+    "GET /v1/recordings/{recording_id}": LOCATE,
+    "POST /v1/recordings/{recording_id}/close": LOCATE,
+    "PUT /v1/recordings/{recording_id}/waypoints": SURVEY,
+    "GET /v1/levels/{level_id}/markers": ANY,
+    "PUT /v1/levels/{level_id}/markers": SURVEY,
     "POST /v1/venues": SURVEY,
     "GET /v1/venues": ANY,
     "GET /v1/venues/{venue_id}": ANY,
@@ -53,6 +67,7 @@ TABLE = {
     "GET /v1/surveys/{survey_id}/walks": SURVEY,
     "GET /v1/surveys/{survey_id}/walks/{walk_id}": SURVEY,
     "DELETE /v1/surveys/{survey_id}/walks/{walk_id}": SURVEY,
+    "POST /v1/surveys/{survey_id}/import": SURVEY,
     "POST /v1/maps": SURVEY,
     "GET /v1/maps": ANY,
     "GET /v1/maps/{map_id}": ANY,
@@ -82,10 +97,25 @@ TABLE = {
     "GET /v1/sessions/{session_id}/segments/{seq}": LOCATE,
     "GET /v1/sessions/{session_id}/positions": LOCATE,
     "GET /v1/sessions/{session_id}/trajectory": LOCATE,
+    "GET /v1/sessions/{session_id}/track": LOCATE,
     "POST /v1/sessions/{session_id}/replay": LOCATE,
     "POST /v1/sessions/{session_id}/ground-truth": LOCATE,
     "GET /v1/sessions/{session_id}/ground-truth": LOCATE,
     "DELETE /v1/sessions/{session_id}/ground-truth": LOCATE,
+    "POST /v1/geofences": SURVEY,
+    "GET /v1/geofences": ANY,
+    "GET /v1/geofences/{geofence_id}": ANY,
+    "PATCH /v1/geofences/{geofence_id}": SURVEY,
+    "DELETE /v1/geofences/{geofence_id}": SURVEY,
+    "GET /v1/geofence-events": LOCATE,
+    "POST /v1/webhooks": ADMIN,
+    "GET /v1/webhooks": ADMIN,
+    "GET /v1/webhooks/{webhook_id}": ADMIN,
+    "PATCH /v1/webhooks/{webhook_id}": ADMIN,
+    "DELETE /v1/webhooks/{webhook_id}": ADMIN,
+    "GET /v1/webhooks/{webhook_id}/deliveries": ADMIN,
+    "POST /v1/webhooks/{webhook_id}/test": ADMIN,
+    "POST /v1/webhooks/{webhook_id}/deliveries/{delivery_id}/redeliver": ADMIN,
     "POST /v1/locate": LOCATE,
     "GET /v1/jobs": ANY,
     "GET /v1/jobs/{job_id}": ANY,
@@ -122,7 +152,7 @@ def routes_of(api: Api) -> dict[str, Access]:
         assert isinstance(route, ApiRoute), f"{context.path} is not an ApiRoute: nothing checks its caller"
         for method in route.methods or ():
             found[f"{method} {route.path.replace(':path}', '}')}"] = Access(
-                route.access.scope, public=route.access.public
+                route.access.scope, public=route.access.public, by_token=route.access.by_token
             )
     return found
 
@@ -157,8 +187,16 @@ def test_the_matrix(api: Api) -> None:
 
 def test_public_routes_need_no_key(api: Api) -> None:
     for name, access in TABLE.items():
-        if access.public:
+        if scope_word(access) == "none":
             assert call(api, name, None)[0] == 200, name
+
+
+def test_routes_with_a_token_in_the_path_refuse_another_one(api: Api) -> None:
+    for name, access in TABLE.items():
+        if scope_word(access) == "token":
+            method, path = name.split()
+            answer = api.call(method, path.replace("{token}", "isi_unknown"), key=None, json={})
+            assert (answer.status_code, "isi_unknown" in answer.text) == (499, False), name
 
 
 @pytest.mark.parametrize(

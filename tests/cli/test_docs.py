@@ -30,6 +30,8 @@ PAGES = [
         "docs/surveying.md",
         "docs/maps.md",
         "docs/exchange.md",
+        "docs/geofences.md",
+        "docs/outputs.md",
         "clients/python/README.md",
         "maps/README.md",
     )

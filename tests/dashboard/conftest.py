@@ -13,9 +13,6 @@ Fixtures for the tests of pages:
 
 from __future__ import annotations
 
-import hashlib
-import os
-import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -26,8 +23,8 @@ from app.cli.uploads import open_level
 from tests.dashboard.browsing import Dashboard, Watch
 from tests.dashboard.floors import Floor, survey_floor
 from tests.e2e.service import Service
+from tests.support.programs import program
 
-CHROMIUM = "/usr/bin/chromium"
 ARGUMENTS = (
     "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-background-networking",
     "--disable-component-update", "--disable-sync",
@@ -36,23 +33,12 @@ SAMPLE = Path(__file__).resolve().parents[2] / "maps" / "samples" / "ilc20" / "s
 
 
 WIDTH, HEIGHT = 1280, 800
-ENGINE = Path(__file__).resolve().parents[2] / "app" / "engine"
 
 
 @pytest.fixture(scope="package")
-def kernels(pytestconfig: pytest.Config) -> Path:
-    """Compiled kernels, kept from run to run for as long as no line of the engine changes."""
-    sources = hashlib.sha256()
-    for path in sorted(ENGINE.rglob("*.py")):
-        sources.update(path.read_bytes())
-    return pytestconfig.cache.mkdir(f"kernels-{sources.hexdigest()[:16]}")
-
-
-@pytest.fixture(scope="package")
-def service(tmp_path_factory: pytest.TempPathFactory, kernels: Path) -> Iterator[Service]:
+def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
     folder = tmp_path_factory.mktemp("dashboard")
-    quick = {"ISODYN_WORKERS": "1", "NUMBA_CACHE_DIR": str(kernels)}
-    service = Service(folder / "data", environment=quick)
+    service = Service(folder / "data", environment={"ISODYN_WORKERS": "1"})
     try:
         service.start()
         yield service
@@ -69,12 +55,9 @@ def floor(service: Service) -> Floor:
 # Not of the whole session: while Playwright runs, nothing else in this process can have an event loop.
 @pytest.fixture(scope="package")
 def browser() -> Iterator[Browser]:
-    if not shutil.which(CHROMIUM):
-        if os.environ.get("ISODYN_REQUIRE_SERVERS"):
-            pytest.fail(f"{CHROMIUM} is missing: install chromium, or unset ISODYN_REQUIRE_SERVERS")
-        pytest.skip(f"{CHROMIUM} is missing")
+    executable = program("chromium")
     with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=list(ARGUMENTS))
+        browser = playwright.chromium.launch(executable_path=executable, args=list(ARGUMENTS))
         yield browser
         browser.close()
 

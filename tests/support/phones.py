@@ -49,8 +49,10 @@ class Phone:
     device_id: str = "b8a0d2c4-1111-4222-9333-a1b2c3d4e5f6"
     seed: int = 5
 
-    def rows(self, samples: ImuSamples, waypoints: Waypoints | None = None) -> list[tuple[int, str, dict[str, object]]]:
-        """Time (ns), name and values of all readings, in time order; waypoints are annotations "x,y"."""
+    def rows(
+        self, samples: ImuSamples, waypoints: Waypoints | None = None, labels: Sequence[str] = ()
+    ) -> list[tuple[int, str, dict[str, object]]]:
+        """Time (ns), name and values of all readings, in time order; waypoints are annotations "x,y", or labels."""
         rng = np.random.default_rng(self.seed)
         rows: list[tuple[int, str, dict[str, object]]] = []
         for name, values in self._sensors(samples).items():
@@ -63,8 +65,9 @@ class Phone:
             place = {"latitude": latitude, "longitude": longitude, "horizontalAccuracy": accuracy, "speed": -1.0}
             rows.append((ns(t), "location", place))
         if waypoints is not None:
-            for t, x, y in zip(waypoints.t, waypoints.x, waypoints.y, strict=True):
-                rows.append((ns(t), "annotation", {"text": f"{x:.3f},{y:.3f}", "millisecond_press_duration": 80}))
+            texts = labels or [f"{x:.3f},{y:.3f}" for x, y in zip(waypoints.x, waypoints.y, strict=True)]
+            for t, text in zip(waypoints.t, texts, strict=True):
+                rows.append((ns(t), "annotation", {"text": text, "millisecond_press_duration": 80}))
         return sorted(rows, key=lambda row: row[0])
 
     def _sensors(self, samples: ImuSamples) -> dict[str, Float64Array]:
@@ -92,6 +95,7 @@ def sensor_logger_messages(
     waypoints: Waypoints | None = None,
     *,
     phone: Phone = Phone(),
+    labels: Sequence[str] = (),
     batch_s: float = 1.0,
     swapped: Sequence[int] = (),
     repeated: Sequence[int] = (),
@@ -104,13 +108,15 @@ def sensor_logger_messages(
     waypoints : Waypoints or None
         Become annotations.
     phone : Phone
+    labels : sequence of str
+        Texts of the annotations, instead of "x,y".
     batch_s : float, s
     swapped : sequence of int
         Messages (by number) that arrive after the next one.
     repeated : sequence of int
         Messages that arrive twice.
     """
-    rows = phone.rows(samples, waypoints)
+    rows = phone.rows(samples, waypoints, labels)
     batches: dict[int, list[dict[str, object]]] = {}
     for t_ns, name, values in rows:
         batch = int((t_ns - rows[0][0]) // int(batch_s * NS))
@@ -132,12 +138,13 @@ def sensor_logger_zip(
     waypoints: Waypoints | None = None,
     *,
     phone: Phone = Phone(),
+    labels: Sequence[str] = (),
     standardised: bool = False,
     metadata: bool = True,
 ) -> bytes:
     """An export of Sensor Logger: a zip file of CSV tables. A phone that standardises tells Android's signs."""
     told = Phone(**{**vars(phone), "ios": phone.ios and not standardised})
-    rows = told.rows(samples, waypoints)
+    rows = told.rows(samples, waypoints, labels)
     tables: dict[str, list[str]] = {}
     for t_ns, name, values in rows:
         columns = list(values)[::-1]

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from fastapi import Request, Response
+from typing import Annotated
+
+from fastapi import Query, Request, Response
 
 from app.api import errors
 from app.api.auth import needs
@@ -23,9 +25,14 @@ router = api_router("surveys")
     responses=guarded(errors.NOT_FOUND, errors.INVALID),
 )
 def list_waypoints(
-    level_id: str, services: ServicesDep, paging: PagingDep, request: Request, response: Response
+    level_id: str,
+    services: ServicesDep,
+    paging: PagingDep,
+    request: Request,
+    response: Response,
+    survey_id: Annotated[str | None, Query(description="Of this survey only.")] = None,
 ) -> WalkTrackPage:
     """The waypoints of all survey walks of a level, oldest walk first: what a plan of the survey shows."""
-    page = services.surveys.list_tracks(level_id, paging.cursor, paging.limit)
+    page = services.surveys.list_tracks(level_id, paging.cursor, paging.limit, survey_id=survey_id)
     link_next(request, response, page.next_cursor)
     return WalkTrackPage(items=[WalkTrackOut.of(one) for one in page.items], next_cursor=page.next_cursor)

@@ -21,6 +21,8 @@ const app = {
   query: new URLSearchParams(),
   /** Open another page. */
   go(path) { location.hash = `#${path}`; },
+  /** Draw the page anew. */
+  reload() { show(); },
   /** Change the part after "?" without opening the page anew, so that a link to it shows the same. */
   setQuery(values) {
     for (const [name, value] of Object.entries(values)) {

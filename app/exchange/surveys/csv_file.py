@@ -119,8 +119,8 @@ def read_csv(
 def _read(source: BinaryIO, choices: CsvChoices) -> tuple[Columns, _Table]:
     lines = lines_of(source, longest=MAX_LINE)
     number, header = _first(lines)
-    delimiter = _delimiter(header)
-    columns = columns_of(_cells(header, delimiter, number), choices.columns)
+    delimiter = delimiter_of(header)
+    columns = columns_of(cells_of(header, delimiter, number), choices.columns)
     table = _Table()
     for number, line in lines:
         if not line.strip() or line.lstrip().startswith("#"):
@@ -129,7 +129,7 @@ def _read(source: BinaryIO, choices: CsvChoices) -> tuple[Columns, _Table]:
             raise InputError(f"line {number}", f"is beyond {MAX_ROWS} rows; split the file")
         table.rows += 1
         try:
-            _add(table, columns, _cells(line, delimiter, number), number, delimiter)
+            _add(table, columns, cells_of(line, delimiter, number), number, delimiter)
         except InputError as error:
             table.bad += 1
             table.first_bad = table.first_bad or str(error)
@@ -143,13 +143,14 @@ def _first(lines: Iterator[tuple[int, str]]) -> tuple[int, str]:
     raise InputError("file", "is empty; send a header line and one row a sample")
 
 
-def _delimiter(header: str) -> str | None:
+def delimiter_of(header: str) -> str | None:
     """The separator that comes most often; None: white space."""
     best = max(_DELIMITERS, key=header.count)
     return best if best in header else None
 
 
-def _cells(line: str, delimiter: str | None, number: int) -> list[str]:
+def cells_of(line: str, delimiter: str | None, number: int) -> list[str]:
+    """Cells of a line; quotes are read where there are any."""
     if delimiter is None:
         return line.split()
     if '"' not in line:
@@ -169,7 +170,7 @@ def _add(table: _Table, columns: Columns, cells: list[str], number: int, delimit
         raise InputError(f"line {number}", f"has {len(cells)} columns, {needed + 1} are needed; complete the line")
     comma = delimiter != ","
     t = _time(table, cells[index["t"]].strip(), number, comma=comma)
-    values = [_cell(cells[index[role]], number, comma=comma) for role in (*SENSORS, *place)]
+    values = [number_in(cells[index[role]], number, comma=comma) for role in (*SENSORS, *place)]
     table.t.append(t)
     table.values.extend(values)
     table.walk.append(_code(table.walks, cells, index.get("walk")))
@@ -181,7 +182,7 @@ def _code(table: dict[str, int], cells: list[str], column: int | None) -> int:
     return table.setdefault(text.removesuffix(".0"), len(table))
 
 
-def _cell(text: str, number: int, *, comma: bool) -> float:
+def number_in(text: str, number: int, *, comma: bool) -> float:
     """A number; NaN for an empty cell. Decimal commas are read where the comma does not part columns."""
     plain = text.strip()
     if plain.lower() in {"", "nan", "null", "none", "na", "n/a", "-"}:

@@ -78,7 +78,7 @@ class Columns:
         return "lat" in self.index
 
 
-def columns_of(header: Sequence[str], named: Mapping[str, str]) -> Columns:
+def columns_of(header: Sequence[str], named: Mapping[str, str], *, positions: bool = True) -> Columns:
     """Find the columns of a header.
 
     Parameters
@@ -86,6 +86,8 @@ def columns_of(header: Sequence[str], named: Mapping[str, str]) -> Columns:
     header : sequence of str
     named : mapping
         Role to header, for columns that have names of their own.
+    positions : bool
+        Whether positions are needed, too.
 
     Raises
     ------
@@ -109,7 +111,7 @@ def columns_of(header: Sequence[str], named: Mapping[str, str]) -> Columns:
         index.setdefault(meant, i)
         if unit is not None and index[meant] == i:
             units.setdefault(meant.partition("_")[0] if meant in SENSORS else meant, unit)
-    _check(index, header)
+    _check(index, header, positions=positions)
     return Columns(index, units)
 
 
@@ -135,15 +137,15 @@ def _unit(role: str, text: str) -> str | None:
     return text.strip() if role == "t" and text.strip() in CLOCKS else None
 
 
-def _check(index: Mapping[str, int], header: Sequence[str]) -> None:
+def _check(index: Mapping[str, int], header: Sequence[str], *, positions: bool) -> None:
     missing = [role for role in ("t", *SENSORS) if role not in index]
-    if not ({"x", "y"} <= index.keys() or {"lat", "lon"} <= index.keys()):
+    if positions and not ({"x", "y"} <= index.keys() or {"lat", "lon"} <= index.keys()):
         missing.append("x and y (or lat and lon)")
     if missing:
         raise InputError(
             "header",
-            f"lacks {', '.join(missing)}: it has {_listed(header)}. A walk is placed by steps and turns, so all "
-            "three sensors are needed; name other columns with --column mag_x=HEADER",
+            f"lacks {', '.join(missing)}: it has {_listed(header)}. Steps, turns and the "
+            "field tell where it was, so all three sensors are needed; name other columns with --column mag_x=HEADER",
         )
 
 

@@ -104,7 +104,7 @@ def to_seconds(t: Float64Array, unit: str | None, start_s: float | None, finding
         No unit is given and none fits.
     """
     if unit is None:
-        unit = _clock(t)
+        unit = clock_of(t)
         findings.assume(f"time in {unit} by its steps")
     seconds: Float64Array = t * CLOCKS[unit]
     if _EARLIEST_S <= seconds[0] <= _LATEST_S:
@@ -115,7 +115,14 @@ def to_seconds(t: Float64Array, unit: str | None, start_s: float | None, finding
     return moved
 
 
-def _clock(t: Float64Array) -> str:
+def clock_of(t: Float64Array) -> str:
+    """Unit of a clock by its date, or by its steps.
+
+    Raises
+    ------
+    InputError
+        No unit fits.
+    """
     for unit, factor in CLOCKS.items():
         if _EARLIEST_S <= t[0] * factor <= _LATEST_S and t[0] * factor > 0:
             return unit

@@ -294,7 +294,7 @@ class SqlSessionRepository(Repository):
         if cursor is not None:
             statement = statement.where(table.c.number > int(cursor))
         rows = self._read(statement.order_by(table.c.number).limit(limit + 1)).all()
-        return page(rows, partial(_position, kind=kind), lambda row: str(row.number), limit=limit)
+        return page(rows, partial(position_of, kind=kind), lambda row: str(row.number), limit=limit)
 
     def last_known(
         self,
@@ -322,7 +322,7 @@ class SqlSessionRepository(Repository):
         if first == end:
             return ()
         rows = self._read(_FIXES_OF[kind], {"session": segment.session_id, "first": first, "end": end})
-        return tuple(_position(row, kind).fix for row in rows)
+        return tuple(position_of(row, kind).fix for row in rows)
 
     def _set_state(self, session_id: str, state: TrackerState, calibration: DeviceCalibration | None) -> None:
         values: dict[str, Any] = {"method": state.method, "payload": state.payload, "last_t": state.last_t}
@@ -408,7 +408,8 @@ def _last_known(row: Row[Any]) -> LastKnown:
     return LastKnown(_session(row), position)
 
 
-def _position(row: Row[Any], kind: FixKind) -> Position:
+def position_of(row: Row[Any], kind: FixKind) -> Position:
+    """A fix of this kind from its row."""
     return _position_of(row._asdict(), kind)
 
 

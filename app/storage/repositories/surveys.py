@@ -98,9 +98,11 @@ class SqlSurveyRepository(Repository):
         rows = self._read(statement.order_by(walks.c.id).limit(limit + 1)).all()
         return page(rows, _walk, lambda row: str(row.id), limit=limit)
 
-    def list_tracks(self, level_id: str, *, cursor: str | None, limit: int) -> Page[WalkTrack]:
-        """Where the walks of a level went, oldest first."""
-        statement = _of_level(select(walks, walk_samples.c.waypoints), level_id, ()).join(
+    def list_tracks(
+        self, level_id: str, survey_ids: Sequence[str], *, cursor: str | None, limit: int
+    ) -> Page[WalkTrack]:
+        """Where the level's walks (of these surveys only, when any are named) went, oldest first."""
+        statement = _of_level(select(walks, walk_samples.c.waypoints), level_id, survey_ids).join(
             walk_samples, walk_samples.c.walk_id == walks.c.id
         )
         if cursor is not None:

@@ -1,7 +1,7 @@
 """Known positions of sessions, and what was told there.
 
 Revision ID: r0018
-Revises: r0015
+Revises: r0017
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ import sqlalchemy as sa
 from alembic import op
 
 revision = "r0018"
-down_revision = "r0015"
+down_revision = "r0017"
 branch_labels = None
 depends_on = None
 

@@ -23,6 +23,7 @@ from isodyn_client.aio import AsyncClient, AsyncSession
 from isodyn_client.client import Client, Session
 from isodyn_client.encoding import Encoding
 from isodyn_client.errors import (
+    BridgeError,
     ConflictError,
     ConnectionFailedError,
     FieldError,
@@ -47,6 +48,7 @@ from isodyn_client.errors import (
     UnexpectedAnswerError,
 )
 from isodyn_client.fixes import Coverage, FieldRaster, Fixes
+from isodyn_client.geofences import Geofence, GeofenceEvent, GeofenceEventKind
 from isodyn_client.models import (
     Anchor,
     ApiKey,
@@ -95,6 +97,18 @@ from isodyn_client.planning import MapQuality, RouteForecast, Stretch, Suggestio
 from isodyn_client.results import FixComparison, LocateResult, PositionPage, Replay, SegmentInfo, SegmentResult
 from isodyn_client.retry import RetryPolicy
 from isodyn_client.samples import Samples, Waypoints
+from isodyn_client.spool import Spool
+from isodyn_client.survey_files import ImportedWalk, SurveyImport
+from isodyn_client.uploader import Uploader
+from isodyn_client.webhooks import (
+    Delivery,
+    DeliveryState,
+    InvalidSignatureError,
+    NewWebhook,
+    Webhook,
+    WebhookMessage,
+    verify_webhook,
+)
 
 __all__ = [
     "Aids",
@@ -104,6 +118,7 @@ __all__ = [
     "AsyncClient",
     "AsyncSession",
     "BleScans",
+    "BridgeError",
     "Calibration",
     "CalibrationSource",
     "Client",
@@ -111,6 +126,8 @@ __all__ = [
     "ConnectionFailedError",
     "Contribution",
     "Coverage",
+    "Delivery",
+    "DeliveryState",
     "Device",
     "DeviceCalibration",
     "DeviceModel",
@@ -124,9 +141,14 @@ __all__ = [
     "FixKind",
     "Fixes",
     "ForbiddenError",
+    "Geofence",
+    "GeofenceEvent",
+    "GeofenceEventKind",
     "GnssFixes",
     "Hypothesis",
+    "ImportedWalk",
     "InvalidRequestError",
+    "InvalidSignatureError",
     "IsodynError",
     "Job",
     "JobFailedError",
@@ -145,6 +167,7 @@ __all__ = [
     "MethodParameter",
     "ModelEstimate",
     "NewApiKey",
+    "NewWebhook",
     "NoAnchorError",
     "NoMapError",
     "NotFoundError",
@@ -173,6 +196,7 @@ __all__ = [
     "SessionStart",
     "SessionStatus",
     "SpeedReadings",
+    "Spool",
     "Stats",
     "StatsTable",
     "Status",
@@ -182,16 +206,21 @@ __all__ = [
     "Suggestion",
     "Suggestions",
     "Survey",
+    "SurveyImport",
     "Told",
     "TooLargeError",
     "TruthPoint",
     "UnauthorizedError",
     "UnexpectedAnswerError",
+    "Uploader",
     "Venue",
     "VenueKind",
     "Walk",
     "WalkReport",
     "WalkTrack",
     "Waypoints",
+    "Webhook",
+    "WebhookMessage",
     "WifiScans",
+    "verify_webhook",
 ]

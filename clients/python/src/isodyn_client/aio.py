@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine, Iterator, Mapping, Sequence
+from contextlib import AbstractAsyncContextManager
 from types import TracebackType
 from typing import Any, Concatenate, ParamSpec, Self, TypeVar
 
 import httpx
 
-from isodyn_client import endpoints, operations
+from isodyn_client import endpoints, operations, survey_files, tracks
+from isodyn_client import geofences as geofence_calls
+from isodyn_client import webhooks as webhook_calls
 from isodyn_client.aids import Aids
 from isodyn_client.calls import Call, Listing
 from isodyn_client.connection import Connection
@@ -138,6 +141,10 @@ class AsyncClient:
         content = _chunks(body.chunks()) if body is not None else None
         return await self._http.send(self._http.build_request(content=content, **self.connection.request(step.call)))
 
+    def stream(self, call: Call[Any]) -> AbstractAsyncContextManager[httpx.Response]:
+        """Send a call once and leave its answer open, to be read as it comes."""
+        return self._http.stream(**self.connection.request(call))
+
     async def open_session(
         self,
         level_id: str | None = None,
@@ -202,6 +209,7 @@ class AsyncClient:
     walks = _list(endpoints.walks)
     waypoints = _list(endpoints.waypoints)
     delete_walk = _call(endpoints.delete_walk)
+    import_survey = _call(survey_files.import_survey)
 
     request_map = _call(endpoints.request_map)
     build_map = _flow(Flows.build_map)
@@ -245,8 +253,26 @@ class AsyncClient:
     positions = _flow(Flows.positions)
     positions_geojson = _call(endpoints.positions_geojson)
     trajectory = _call(endpoints.trajectory)
+    track = _call(tracks.track)
     replay = _call(endpoints.replay)
     locate = _call(endpoints.locate)
+
+    create_geofence = _call(geofence_calls.create_geofence)
+    geofence = _call(geofence_calls.geofence)
+    geofences = _list(geofence_calls.geofences)
+    update_geofence = _call(geofence_calls.update_geofence)
+    delete_geofence = _call(geofence_calls.delete_geofence)
+    geofence_events = _list(geofence_calls.geofence_events)
+    geofence_events_csv = _call(geofence_calls.geofence_events_csv)
+
+    create_webhook = _call(webhook_calls.create_webhook)
+    webhook = _call(webhook_calls.webhook)
+    webhooks = _list(webhook_calls.webhooks)
+    update_webhook = _call(webhook_calls.update_webhook)
+    delete_webhook = _call(webhook_calls.delete_webhook)
+    webhook_deliveries = _list(webhook_calls.webhook_deliveries)
+    test_webhook = _call(webhook_calls.test_webhook)
+    redeliver = _call(webhook_calls.redeliver)
 
     job = _call(endpoints.job)
     jobs = _list(endpoints.jobs)

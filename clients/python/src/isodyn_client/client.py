@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager
 from types import TracebackType
 from typing import Any, Concatenate, ParamSpec, Self, TypeVar
 
 import httpx
 
-from isodyn_client import endpoints, operations
+from isodyn_client import endpoints, operations, survey_files, tracks
+from isodyn_client import geofences as geofence_calls
+from isodyn_client import webhooks as webhook_calls
 from isodyn_client.aids import Aids
 from isodyn_client.calls import Call, Listing
 from isodyn_client.connection import Connection
@@ -144,6 +147,10 @@ class Client:
         content = body.chunks() if body is not None else None
         return self._http.send(self._http.build_request(content=content, **self.connection.request(step.call)))
 
+    def stream(self, call: Call[Any]) -> AbstractContextManager[httpx.Response]:
+        """Send a call once and leave its answer open, to be read as it comes (:mod:`isodyn_client.sse`)."""
+        return self._http.stream(**self.connection.request(call))
+
     def open_session(
         self,
         level_id: str | None = None,
@@ -208,6 +215,7 @@ class Client:
     walks = _list(endpoints.walks)
     waypoints = _list(endpoints.waypoints)
     delete_walk = _call(endpoints.delete_walk)
+    import_survey = _call(survey_files.import_survey)
 
     request_map = _call(endpoints.request_map)
     build_map = _flow(Flows.build_map)
@@ -251,8 +259,26 @@ class Client:
     positions = _flow(Flows.positions)
     positions_geojson = _call(endpoints.positions_geojson)
     trajectory = _call(endpoints.trajectory)
+    track = _call(tracks.track)
     replay = _call(endpoints.replay)
     locate = _call(endpoints.locate)
+
+    create_geofence = _call(geofence_calls.create_geofence)
+    geofence = _call(geofence_calls.geofence)
+    geofences = _list(geofence_calls.geofences)
+    update_geofence = _call(geofence_calls.update_geofence)
+    delete_geofence = _call(geofence_calls.delete_geofence)
+    geofence_events = _list(geofence_calls.geofence_events)
+    geofence_events_csv = _call(geofence_calls.geofence_events_csv)
+
+    create_webhook = _call(webhook_calls.create_webhook)
+    webhook = _call(webhook_calls.webhook)
+    webhooks = _list(webhook_calls.webhooks)
+    update_webhook = _call(webhook_calls.update_webhook)
+    delete_webhook = _call(webhook_calls.delete_webhook)
+    webhook_deliveries = _list(webhook_calls.webhook_deliveries)
+    test_webhook = _call(webhook_calls.test_webhook)
+    redeliver = _call(webhook_calls.redeliver)
 
     job = _call(endpoints.job)
     jobs = _list(endpoints.jobs)

@@ -272,9 +272,9 @@ def walks(survey_id: str) -> Listing[Walk]:
     return _list(f"/v1/surveys/{survey_id}/walks", Walk)
 
 
-def waypoints(level_id: str) -> Listing[WalkTrack]:
+def waypoints(level_id: str, *, survey_id: str | None = None) -> Listing[WalkTrack]:
     """Where the survey walks of a level went, oldest first."""
-    return _list(f"/v1/levels/{level_id}/waypoints", WalkTrack)
+    return _list(f"/v1/levels/{level_id}/waypoints", WalkTrack, survey_id=survey_id)
 
 
 def delete_walk(survey_id: str, walk_id: str) -> Call[None]:
