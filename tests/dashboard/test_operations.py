@@ -15,6 +15,9 @@ from tests.dashboard.floors import Floor
 from tests.dashboard.traffic import walk_sessions
 from tests.e2e.service import Service
 
+CHARTS_FIT = (
+    "[...document.querySelectorAll('.main-svg')].every((one) => one.getBoundingClientRect().right <= innerWidth)"
+)
 EXTENT = {"x_min": 0, "y_min": 0, "x_max": 20, "y_max": 10}
 SECTIONS = (
     "Alarms", "Latency", "Throughput", "Backlog", "Errors", "Fixes by what they claim", "Error budget", "Levels",
@@ -50,6 +53,8 @@ def test_every_section_shows_something(dashboard: Dashboard, operations: Page) -
     expect(section(operations, "Storage").get_by_role("cell", name="Free on the disk")).to_be_visible()
     assert dashboard.fits()
     dashboard.screenshots("operations")
+    dashboard.resize(375)
+    operations.wait_for_function(CHARTS_FIT)
     assert dashboard.fits()
 
 

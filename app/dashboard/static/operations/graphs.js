@@ -34,6 +34,7 @@ export function latencyCharts({ items, since, until }, context) {
 
 function traces(items, { kind, span }, range) {
   const rows = items.filter((row) => row.kind === kind);
+  const marks = decades(rows.flatMap((row) => PERCENTILES.map(([percent]) => row[`${span}_p${percent}_ms`])));
   return {
     traces: PERCENTILES.map(([percent, dash]) => ({
       x: rows.map((row) => row.since),
@@ -45,10 +46,22 @@ function traces(items, { kind, span }, range) {
     })),
     layout: {
       showlegend: true, hovermode: "x unified",
-      yaxis: { title: { text: "ms" }, type: "log", exponentformat: "none" },
+      yaxis: { title: { text: "ms" }, type: "log", tickvals: marks, ticktext: marks.map((value) => number(value)) },
       xaxis: { type: "date", range },
     },
   };
+}
+
+// 1, 2 and 5 of every power of ten that the values reach: the library writes those in between as bare digits.
+function decades(values) {
+  const positive = values.filter((value) => value > 0);
+  if (!positive.length) return [1];
+  const [low, high] = [Math.min(...positive), Math.max(...positive)];
+  const marks = [];
+  for (let power = Math.floor(Math.log10(low)); power <= Math.ceil(Math.log10(high)); power += 1) {
+    marks.push(...[1, 2, 5].map((digit) => digit * 10 ** power));
+  }
+  return marks;
 }
 
 function figureTable(rows, span) {
