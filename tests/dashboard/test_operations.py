@@ -84,6 +84,14 @@ def test_filters_narrow_and_stay_in_the_address(operations: Page, service: Servi
     expect(section(operations, "Fixes by what they claim").get_by_text("No fixes.")).to_be_visible()
 
 
+def test_fixes_and_errors_are_told_apart_by_device(operations: Page) -> None:
+    operations.get_by_label("Fixes and errors by").select_option("Device")
+    for name in ("Fixes by what they claim", "Error budget"):
+        expect(section(operations, name).get_by_role("columnheader", name="Device")).to_be_visible()
+        expect(section(operations, name).get_by_role("cell", name="trolley").first).to_be_visible()
+    assert "by=device" in operations.url
+
+
 def test_every_table_can_be_taken_home(operations: Page, tmp_path: Path) -> None:
     for name, column in (("Throughput", "fixes_per_s"), ("Error budget", "inside_share"), ("Storage", "part")):
         with operations.expect_download() as started:

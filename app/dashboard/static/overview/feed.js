@@ -15,7 +15,7 @@ export class LiveFeed {
     this.api = api;
     this.onchange = onchange;
     this.onstate = onstate;
-    /** Sessions by id, as the service tells them, with `heard`: when (ms of this page's clock). */
+    /** Sessions by id, as the service tells them. */
     this.sessions = new Map();
     this.#counts = [];
   }
@@ -46,13 +46,13 @@ export class LiveFeed {
   }
 
   #snapshot(sessions) {
-    this.sessions = new Map(sessions.map((one) => [one.session_id, { ...one, heard: null }]));
+    this.sessions = new Map(sessions.map((one) => [one.session_id, one]));
     this.#soon();
   }
 
   #fix(session) {
     this.#counts.push(performance.now());
-    this.sessions.set(session.session_id, { ...session, heard: Date.now() });
+    this.sessions.set(session.session_id, session);
     this.#soon();
   }
 
@@ -67,7 +67,7 @@ export class LiveFeed {
     const session = await this.api.find(`/v1/sessions/${id}`);
     if (session === null || session.status === "closed" || this.sessions.has(id)) return;
     const { device_id, venue_id, level_id } = session;
-    this.sessions.set(id, { session_id: id, device_id, venue_id, level_id, ...UNKNOWN, heard: null });
+    this.sessions.set(id, { session_id: id, device_id, venue_id, level_id, ...UNKNOWN });
   }
 
   // Events come one by one, at times hundreds a second; nobody reads faster than this.

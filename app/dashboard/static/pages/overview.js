@@ -34,9 +34,9 @@ export async function render(root, params, app) {
 
 // Figures: a place each, filled by whoever knows it.
 function figureTiles(card, app) {
-  const names = { live: "live sessions", rate: "updates a second, now" };
+  const names = { live: "live sessions", rate: "updates/s now" };
   if (app.account.may("admin")) {
-    Object.assign(names, { fixes: "fixes a second, last minute", queue: "segments waiting", inside: "of places in 95 % ellipses", error: "error there (p90, 7 days)" });
+    Object.assign(names, { fixes: "fixes/s, last minute", queue: "segments waiting", inside: "of places in 95 % ellipses", error: "p90 error, 7 days" });
   }
   const tiles = Object.fromEntries(Object.entries(names).map(([key, name]) => [key, figure("–", name)]));
   const graph = h("div", { class: "spark-place" });
@@ -60,13 +60,20 @@ async function liveSection(grid, app, levels, tiles) {
   const state = h("span", { class: "badge", role: "status" }, "connecting");
   const body = h("div", { class: "stack" }, loading());
   grid.append(h("section", { class: "card", "aria-label": "Live" }, h("header", {}, h("h2", {}, "Live"), state), body));
+  let listed = -Infinity;
   const draw = (feed) => {
     const sessions = [...feed.sessions.values()].sort((a, b) => (a.session_id < b.session_id ? 1 : -1));
     tiles.set("live", number(sessions.length));
     tiles.set("rate", fixed(feed.rate));
     if (!sessions.length) return replace(body, empty("No session is open", "Open sessions appear here as soon as a device sends."));
-    if (!body.contains(list.element)) replace(body, plan.element, list.element);
+    if (!body.contains(list.element)) {
+      replace(body, plan.element, list.element);
+      listed = -Infinity;
+    }
     plan.update(sessions);
+    // dots move as told, words change no faster than one can read them
+    if (performance.now() - listed < TICK_MS * 0.9) return undefined;
+    listed = performance.now();
     list.update(sessions);
     return undefined;
   };
