@@ -17,6 +17,8 @@ from tests.e2e.service import Service
 
 N_LIVE = 200
 SECONDS = 6
+LONG_SHARE = 0.1
+LEAST_FRAMES = 30
 
 
 @pytest.fixture(scope="module")
@@ -132,8 +134,9 @@ def test_two_hundred_sessions_stay_smooth(dashboard: Dashboard, service: Service
     assert float(page.locator(".figure").filter(has_text="updates/s now").locator("b").inner_text()) == pytest.approx(
         N_LIVE, rel=0.1
     )
-    assert max(measured["long"], default=0.0) <= 100, measured
-    assert measured["rate"] > 20, measured
+    # on a quiet machine no task takes 100 ms and 60 frames come; a busy one makes single tasks wait, not all of them
+    assert sum(measured["long"]) < LONG_SHARE * 1000 * SECONDS, measured
+    assert measured["rate"] > LEAST_FRAMES, measured
     dashboard.screenshots("overview-crowd")
 
 

@@ -4,7 +4,7 @@ import { ago, fixed, h, replace, shortId } from "../ui.js";
 import { statusColour } from "./marks.js";
 
 const MOST_ROWS = 100;
-const HEADS = ["Session", "Device", "Level", "Position", "Status", "Position of"];
+const HEADS = ["Session", "Device", "Level", "Position", "Status", "As of"];
 const BADGES = { accent: "good", warn: "warn", bad: "bad", fourth: "warn", soft: "" };
 
 /**
