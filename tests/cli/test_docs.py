@@ -31,6 +31,7 @@ PAGES = [
         "docs/maps.md",
         "docs/exchange.md",
         "docs/geofences.md",
+        "docs/operations.md",
         "docs/outputs.md",
         "docs/phones.md",
         "clients/python/README.md",
