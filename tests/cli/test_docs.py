@@ -31,6 +31,7 @@ PAGES = [
         "docs/maps.md",
         "docs/exchange.md",
         "docs/outputs.md",
+        "docs/vehicles.md",
         "clients/python/README.md",
         "maps/README.md",
     )
