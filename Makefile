@@ -4,6 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 DATA ?= ../shared/data
+JOBS ?= 2
 
 .DEFAULT_GOAL := help
 .PHONY: help install demo serve test check format bench evaluate lock clean
@@ -32,8 +33,9 @@ demo: install  ## a real building: survey, map, unseen walks, table and plots (K
 serve: install  ## start the service on 127.0.0.1:8080 with ./data as its data folder
 	$(BIN)/isodyn serve
 
-test: install  ## all tests, then once more the kernels' without compilation
-	$(BIN)/python -m pytest
+test: install  ## all tests on JOBS=2 cores, those that measure time alone, the kernels' once more without compilation
+	$(BIN)/python -m pytest -m "not timing" -n $(JOBS) --dist loadfile --no-loadscope-reorder
+	$(BIN)/python -m pytest -m timing
 	NUMBA_DISABLE_JIT=1 $(BIN)/python -m pytest tests/reference
 
 check: install  ## formatting, lint, types, import contracts

@@ -6,7 +6,9 @@ import fcntl
 import sys
 from collections.abc import AsyncIterator, Iterator, Mapping
 from contextlib import ExitStack, asynccontextmanager, contextmanager
+from datetime import timedelta
 from pathlib import Path
+from types import FrameType
 
 import structlog
 import uvicorn
@@ -14,27 +16,37 @@ from fastapi import FastAPI
 from starlette.concurrency import run_in_threadpool
 
 from app.api import create_api
+from app.api.checks import Checks
+from app.dashboard import router as dashboard
 from app.services.clock import utc_now
 from app.services.container import build_services
 from app.services.tasks import LocateTask
+from app.services.webhook_outbox import RetryPolicy
 from app.settings import PoolKind, Settings
 from app.storage.checkpoints import FileCheckpoints
 from app.storage.database import Database
+from app.storage.host import LocalHost
 from app.storage.map_cache import FileMapCache, open_map
 from app.telemetry import Metrics, configure_logging
 from app.workers.bootstrap import warm_up, worker_context
 from app.workers.broker import JobBroker
 from app.workers.events import JobEvents
 from app.workers.kinds import build_work, contribute_work, segment_work
+from app.workers.live import SessionHub
+from app.workers.periodic import Periodic
 from app.workers.pools import InlineExecutor, ThreadExecutor
 from app.workers.processes import ProcessExecutor
 from app.workers.runner import JobRunner, Lane
 from app.workers.tasks import BuildMap, ContributeSession, LocateSegment, ReplaySession, SmoothSession
+from app.workers.webhook_dispatcher import WebhookDispatcher
+from app.workers.webhook_sender import WebhookSender
 
 Pool = InlineExecutor | ThreadExecutor | ProcessExecutor
 
 _SPARE_JOBS = 2
 """Jobs with a pool beyond its workers, so that a worker finds the next one at once."""
+_SWEEP_S = 5.0
+"""How often recordings that fell silent are looked for."""
 _ABANDON_S = 5.0
 """How long threads may take to notice that their workers are gone."""
 _BANNER = """
@@ -74,6 +86,7 @@ class Application:
         self.settings = settings
         self.metrics = Metrics()
         self.broker = JobBroker()
+        self.hub = SessionHub()
         self.database = Database.at(settings.database_path, power_safe=settings.power_safe)
         self.segment_pool = self._make_pool(settings.workers, settings.segment_time_limit_s)
         self.build_pool = self._make_pool(1, settings.build_time_limit_s)
@@ -85,15 +98,28 @@ class Application:
             executor=self.segment_pool,
             cache=FileMapCache(settings.map_cache_dir, max_bytes=settings.map_cache_bytes),
             listener=events,
+            watchers=self.hub,
+            checks=Checks(),
             locate_task=locate,
             smooth_task=SmoothSession(open_map, settings.maps_per_worker),
             replay_task=ReplaySession(open_map, settings.maps_per_worker),
             max_queued=settings.max_queued_jobs,
+            host=LocalHost(
+                settings.database_path,
+                settings.map_cache_dir,
+                alive=lambda: self.segment_pool.alive,
+                wanted=settings.workers,
+            ),
+            webhook_private_networks=settings.webhook_private_networks,
+            webhook_retries=RetryPolicy(give_up_s=settings.webhook_give_up_s),
         )
+        self.webhooks = WebhookDispatcher(self.services.outbox, self._open_sender, self.metrics)
         self.runner = self._make_runner(events, locate)
         # The broker first: someone waits there.
-        for listener in (self.broker, self.runner, self.metrics):
+        for listener in (self.broker, self.hub, self.runner, self.webhooks, self.metrics):
             events.add(listener)
+        silence = timedelta(seconds=settings.recording_silence_s)
+        self.sweeper = Periodic("recordings", _SWEEP_S, lambda: self.services.recordings.close_silent(silence))
         self._stack = ExitStack()
         self.metrics.workers.set_function(lambda: self.segment_pool.alive)
 
@@ -105,12 +131,16 @@ class Application:
             self.database.migrate()
             _show_once(self.services.accounts.ensure_admin_key())
             recovered = self.services.processing.recover()
+            stack.callback(self.webhooks.stop, self.settings.shutdown_grace_s)
+            self.webhooks.start()
             stack.callback(self.runner.join, _ABANDON_S)
             for pool in (self.segment_pool, self.build_pool):
                 stack.callback(pool.close)
                 pool.start()
             self.runner.start()
             stack.callback(self._drain)
+            self.sweeper.start()
+            stack.callback(self.sweeper.stop)
             self._stack = stack.pop_all()
         _log.info(
             "service started",
@@ -138,9 +168,26 @@ class Application:
         finally:
             await run_in_threadpool(self.stop)
 
+    def api(self) -> FastAPI:
+        """The HTTP application over these parts; its lifespan starts and stops them."""
+        return create_api(
+            services=self.services,
+            broker=self.broker,
+            hub=self.hub,
+            settings=self.settings,
+            metrics=self.metrics,
+            ready=self.ready,
+            lifespan=self.lifespan,
+            pages=(dashboard,),
+        )
+
     def _drain(self) -> None:
         if not self.runner.stop(self.settings.shutdown_grace_s):
             _log.warning("some jobs did not end in time; they are done after the next start")
+
+    def _open_sender(self) -> WebhookSender:
+        settings = self.settings
+        return WebhookSender(private_networks=settings.webhook_private_networks, timeout_s=settings.webhook_timeout_s)
 
     def _make_pool(self, workers: int, time_limit_s: float) -> Pool:
         if self.settings.pool is PoolKind.INLINE:
@@ -180,15 +227,7 @@ class Application:
 
 def create_app(settings: Settings) -> FastAPI:
     """Build the service; nothing runs until the application's lifespan begins."""
-    application = Application(settings)
-    return create_api(
-        services=application.services,
-        broker=application.broker,
-        settings=settings,
-        metrics=application.metrics,
-        ready=application.ready,
-        lifespan=application.lifespan,
-    )
+    return Application(settings).api()
 
 
 def serve(settings: Settings) -> None:
@@ -197,17 +236,33 @@ def serve(settings: Settings) -> None:
     One process serves HTTP; the numerics have processes of their own.
     """
     configure_logging(settings.log_level, as_json=settings.log_json)
-    uvicorn.run(
-        create_app(settings),
+    application = Application(settings)
+    config = uvicorn.Config(
+        application.api(),
         host=settings.host,
         port=settings.port,
-        workers=1,
         log_config=None,
         access_log=False,
         server_header=False,
+        ws="websockets-sansio",
+        ws_max_size=settings.max_body_bytes,
         # Requests that wait for a result are answered by what is still running.
         timeout_graceful_shutdown=max(1, round(settings.shutdown_grace_s)),
     )
+    _Server(config, application.hub).run()
+
+
+class _Server(uvicorn.Server):
+    """Ends open streams when it is told to stop: uvicorn waits for them before it ends the application."""
+
+    def __init__(self, config: uvicorn.Config, hub: SessionHub) -> None:
+        super().__init__(config)
+        self._hub = hub
+
+    def handle_exit(self, sig: int, frame: FrameType | None) -> None:
+        """Stop."""
+        self._hub.close()
+        super().handle_exit(sig, frame)
 
 
 def _show_once(secret: str | None) -> None:

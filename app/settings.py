@@ -68,9 +68,21 @@ class Settings(BaseSettings):
     max_body_bytes: int = Field(default=8 * 2**20, ge=1024, description="Largest request body as sent.")
     max_queued_jobs: int = Field(default=1000, ge=1, description="Unfinished jobs accepted before 503.")
     max_wait_s: float = Field(default=30.0, ge=0, description="Longest `Prefer: wait=N` that is honoured.")
+    recording_silence_s: float = Field(
+        default=60.0, gt=0, description="A phone's recording ends when nothing has come for so long."
+    )
+    max_streams: int = Field(default=1000, ge=1, description="WebSockets and event streams open at once before 503.")
     rate_limit_per_minute: int = Field(default=6000, ge=0, description="Requests a key may make a minute; 0: no limit.")
     rate_limit_burst: int = Field(default=200, ge=1, description="Requests a key may make at once.")
     cors_origins: tuple[str, ...] = Field(default=(), description="Origins (JSON list) whose pages may call the API.")
+
+    webhook_private_networks: bool = Field(
+        default=False, description="Webhooks may be plain http, and lead into the service's own network."
+    )
+    webhook_timeout_s: float = Field(default=10.0, gt=0, description="How long a webhook may take to answer.")
+    webhook_give_up_s: float = Field(
+        default=86_400.0, ge=0, description="A message that cannot be delivered for so long is given up."
+    )
 
     log_level: LogLevel = Field(default=LogLevel.INFO, description="Least severe message that is written.")
     log_json: bool = Field(default=False, description="One JSON object a line instead of text.")

@@ -24,7 +24,7 @@ from app.settings import LogLevel
 METRICS_CONTENT_TYPE = CONTENT_TYPE_LATEST
 
 _SECRET_NAMES = frozenset({"authorization", "x-api-key", "api_key", "apikey", "secret", "password", "cookie", "token"})
-_SECRET_VALUE = re.compile(r"isk_[\w-]+|(?i:bearer\s+)[\w.~+/-]+=*")
+_SECRET_VALUE = re.compile(r"isk_[\w-]+|whsec_[\w-]+|(?i:bearer\s+)[\w.~+/-]+=*")
 _MASK = "***"
 
 
@@ -150,6 +150,22 @@ WORKERS_LOST = Metric(
 RUNNER_ERRORS = Metric(
     "isodyn_runner_errors_total", MetricKind.COUNTER, (), "Unexpected errors met by the job runner (each is logged)."
 )
+WEBHOOK_ATTEMPTS = Metric(
+    "isodyn_webhook_attempts_total", MetricKind.COUNTER, ("outcome",), "Messages sent to webhooks, by what came of it."
+)
+WEBHOOK_SECONDS = Metric(
+    "isodyn_webhook_seconds",
+    MetricKind.HISTOGRAM,
+    (),
+    "Time a webhook took to answer, or to fail.",
+    _REQUEST_BUCKETS,
+)
+WEBHOOK_ERRORS = Metric(
+    "isodyn_webhook_errors_total",
+    MetricKind.COUNTER,
+    (),
+    "Errors of the service met while sending to webhooks (each is logged).",
+)
 
 METRICS = (
     HTTP_REQUESTS,
@@ -164,6 +180,9 @@ METRICS = (
     WORKERS,
     WORKERS_LOST,
     RUNNER_ERRORS,
+    WEBHOOK_ATTEMPTS,
+    WEBHOOK_SECONDS,
+    WEBHOOK_ERRORS,
 )
 
 
@@ -188,6 +207,9 @@ class Metrics:
         self.workers = self._gauge(WORKERS)
         self.workers_lost = self._counter(WORKERS_LOST)
         self.runner_errors = self._counter(RUNNER_ERRORS)
+        self.webhook_attempts = self._counter(WEBHOOK_ATTEMPTS)
+        self.webhook_seconds = self._histogram(WEBHOOK_SECONDS)
+        self.webhook_errors = self._counter(WEBHOOK_ERRORS)
 
     def observe_request(self, method: str, route: str, status: int, seconds: float) -> None:
         """Count an answered request; ``route`` is the template (``/v1/maps/{id}``), never the path."""

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import AbstractAsyncContextManager
 from importlib.metadata import PackageNotFoundError, version
 
 import anyio
-from fastapi import FastAPI
+from fastapi import APIRouter, FastAPI
 from fastapi.middleware.cors import CORSMiddleware
 
 from app.api import docs_page, errors, openapi
@@ -15,7 +15,7 @@ from app.api.auth import KeyCache
 from app.api.deps import Context
 from app.api.idempotency import Creations
 from app.api.middleware import AnswerMiddleware
-from app.api.ports import ApiSettings, Broker, Metrics, Readiness
+from app.api.ports import ApiSettings, Broker, Hub, Metrics, Readiness
 from app.api.ratelimit import RateLimiter
 from app.api.routers import ROUTERS
 from app.api.routing import allowed_methods
@@ -33,13 +33,18 @@ def create_api(
     *,
     services: Services,
     broker: Broker,
+    hub: Hub,
     settings: ApiSettings,
     metrics: Metrics,
     ready: Readiness,
     clock: Clock = utc_now,
     lifespan: Lifespan | None = None,
+    pages: Sequence[APIRouter] = (),
 ) -> FastAPI:
-    """Build the application over ready-made services; ``lifespan`` starts and stops what they need."""
+    """Build the application over ready-made services.
+
+    ``lifespan`` starts and stops what they need; ``pages`` are served beside the API.
+    """
     app = FastAPI(
         title="Isodyn",
         version=_version(),
@@ -58,6 +63,7 @@ def create_api(
     app.state.context = Context(
         services=services,
         broker=broker,
+        hub=hub,
         settings=settings,
         metrics=metrics,
         ready=ready,
@@ -69,7 +75,7 @@ def create_api(
         locates=anyio.CapacityLimiter(_LOCATES),
         smoothings=anyio.CapacityLimiter(_SMOOTHINGS),
     )
-    routers = (*ROUTERS, docs_page.router)
+    routers = (*ROUTERS, docs_page.router, *pages)
     for router in routers:
         app.include_router(router)
     errors.install(app, lambda path: allowed_methods(routers, path))

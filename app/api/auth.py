@@ -17,6 +17,7 @@ from fastapi import Depends, Request, Security
 from fastapi.params import Depends as DependsParam
 from fastapi.security import APIKeyHeader, HTTPBearer
 from starlette.concurrency import run_in_threadpool
+from starlette.requests import HTTPConnection
 
 from app.api.errors import RateLimitedError, UnauthorizedError
 from app.services.errors import ForbiddenError
@@ -75,13 +76,15 @@ class Access:
 
     scope: Scope | None
     public: bool = False
+    by_token: bool = False
+    """Open to whoever has the token in the path, which the route checks itself."""
 
     async def check(self, request: Request) -> None:
         """Authenticate, count against the rate limit, and compare the scope."""
         if self.public:
             return
         context: Context = request.app.state.context
-        key = await _authenticate(request, context.keys)
+        key = await authenticate(context.keys, secret_of(request))
         request.state.key = key
         quota = context.limiter.take(key.id)
         request.state.quota = quota
@@ -112,6 +115,11 @@ def public() -> DependsParam:
     return _depends(_PublicAccess(None, public=True))
 
 
+def by_token() -> DependsParam:
+    """Declare that a route checks a token in its path itself."""
+    return _depends(_PublicAccess(None, public=True, by_token=True))
+
+
 def current_key(request: Request) -> ApiKey:
     """Return the key this request was authenticated with."""
     key = getattr(request.state, "key", None)
@@ -132,13 +140,20 @@ class _PublicAccess(Access):
         """Do nothing."""
 
 
+def scope_word(access: Access) -> str:
+    """What a route asks of its caller, in a word: a scope, ``any`` key, ``token`` in the path, ``none``."""
+    if access.public:
+        return "token" if access.by_token else "none"
+    return "any" if access.scope is None else access.scope.value
+
+
 def _depends(access: Access) -> DependsParam:
     marker: DependsParam = Depends(access)
     return marker
 
 
-async def _authenticate(request: Request, keys: KeyCache) -> ApiKey:
-    secret = _secret_of(request)
+async def authenticate(keys: KeyCache, secret: str) -> ApiKey:
+    """Return the key of a secret; UnauthorizedError if there is none, or it was revoked."""
     # The loop is not left for a key seen lately: a thread hop and a query cost more than the rest of a small call.
     key = keys.cached(secret) or await run_in_threadpool(keys.verify, secret)
     if key is None:
@@ -146,7 +161,8 @@ async def _authenticate(request: Request, keys: KeyCache) -> ApiKey:
     return key
 
 
-def _secret_of(request: Request) -> str:
+def secret_of(request: HTTPConnection) -> str:
+    """Return the secret that the headers of a request (or of a WebSocket's handshake) hold."""
     scheme, _, credentials = request.headers.get("authorization", "").partition(" ")
     bearer = credentials.strip() if scheme.lower() == "bearer" else None
     header = request.headers.get("x-api-key")

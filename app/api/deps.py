@@ -11,7 +11,7 @@ from fastapi import Depends, Path, Request
 
 from app.api.auth import KeyCache, current_key
 from app.api.idempotency import Creations
-from app.api.ports import ApiSettings, Broker, Metrics, Readiness
+from app.api.ports import ApiSettings, Broker, Hub, Metrics, Readiness
 from app.api.ratelimit import RateLimiter
 from app.api.schemas.samples import MAX_SEQ
 from app.services.clock import Clock
@@ -27,6 +27,7 @@ class Context:
 
     services: Services
     broker: Broker
+    hub: Hub
     settings: ApiSettings
     metrics: Metrics
     ready: Readiness

@@ -29,6 +29,7 @@ table { border-collapse: collapse; width: 100%; font-size: .9rem; }
 td, th { text-align: left; padding: .25rem .6rem .25rem 0; vertical-align: top; border-top: 1px solid var(--line); }
 nav a { margin-right: .8rem; }
 """
+_SCOPES = {"none": "open", "any": "any key", "token": "token in the path"}
 # No source but this page itself: nothing on it can load or run.
 _POLICY = "default-src 'none'; style-src 'unsafe-inline'; base-uri 'none'; form-action 'none'"
 
@@ -73,7 +74,8 @@ def _section(document: dict[str, Any], tag: dict[str, Any]) -> str:
 
 
 def _call(document: dict[str, Any], method: str, path: str, operation: dict[str, Any]) -> str:
-    scope = {"none": "open", "any": "any key"}.get(operation["x-isodyn-scope"], operation["x-isodyn-scope"])
+    declared = operation["x-isodyn-scope"]
+    scope = _SCOPES.get(declared, declared)
     parts = [
         f"<p>{_text(operation.get('description', ''))}</p>",
         _parameters(operation.get("parameters", [])),

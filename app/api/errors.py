@@ -224,6 +224,15 @@ class Problem:
 
     def response(self, instance: str) -> Response:
         """Render for the request path ``instance``."""
+        return Response(
+            orjson.dumps(self.document(instance)),
+            status_code=self.type.status,
+            headers=dict(self.headers),
+            media_type=PROBLEM_JSON,
+        )
+
+    def document(self, instance: str) -> dict[str, Any]:
+        """As plain values, for a request of this path."""
         body: dict[str, Any] = {
             "type": self.type.uri,
             "title": self.type.title,
@@ -236,9 +245,7 @@ class Problem:
             if len(self.errors) > MAX_ERRORS:
                 more = FieldError("body", f"and {len(self.errors) - MAX_ERRORS} more", "correct these first")
                 body["errors"].append(_shown(more))
-        return Response(
-            orjson.dumps(body), status_code=self.type.status, headers=dict(self.headers), media_type=PROBLEM_JSON
-        )
+        return body
 
 
 def _shown(error: FieldError) -> dict[str, str]:

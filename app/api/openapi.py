@@ -10,6 +10,7 @@ from fastapi.openapi.utils import get_openapi
 from fastapi.routing import iter_route_contexts
 from pydantic.json_schema import models_json_schema
 
+from app.api.auth import scope_word
 from app.api.responses import PROBLEM_SCHEMA, RAW_MODELS
 from app.api.routing import ApiRoute
 
@@ -36,6 +37,10 @@ TAGS = [
     {"name": "sessions", "description": "Trips of devices."},
     {"name": "segments", "description": "Uploaded stretches of a session."},
     {"name": "positions", "description": "Fixes of a session."},
+    {"name": "live", "description": "Sessions as they go."},
+    {"name": "ingest", "description": "Phones that push: tokens, messages, recordings, markers."},
+    {"name": "geofences", "description": "Areas of levels, and who entered or left them."},
+    {"name": "webhooks", "description": "Addresses that are told what happens."},
     {"name": "locate", "description": "One call, no session."},
     {"name": "jobs", "description": "Durable work: map builds, segments."},
     {"name": "methods", "description": "Positioning methods and their parameters."},
@@ -83,13 +88,12 @@ def install(app: FastAPI) -> None:
 
 
 def _declared(app: FastAPI) -> Iterator[tuple[str, str, str]]:
-    """Path, method and scope (``any`` key, ``none``) of every call that is shown."""
+    """Path, method and scope (``any`` key, ``token``, ``none``) of every call that is shown."""
     for context in iter_route_contexts(app.routes):
         route = context.original_route
         if isinstance(route, ApiRoute) and route.include_in_schema:
-            scope = "none" if route.access.public else route.access.scope or "any"
             for method in route.methods or ():
-                yield route.path, method.lower(), str(scope)
+                yield route.path, method.lower(), scope_word(route.access)
 
 
 def _raw_schemas() -> dict[str, Any]:

@@ -32,6 +32,11 @@ class ApiSettings(Protocol):
         ...
 
     @property
+    def max_streams(self) -> int:
+        """Streams (WebSocket, server-sent events) open at once."""
+        ...
+
+    @property
     def cors_origins(self) -> tuple[str, ...]:
         """Browser origins that may call; empty: none."""
         ...
@@ -42,6 +47,34 @@ class Broker(Protocol):
 
     async def wait(self, job_id: str, timeout: float) -> Job | None:
         """Return the job once it is final, at once if it ended before the call; None after ``timeout`` seconds."""
+        ...
+
+
+class Watch(Protocol):
+    """Notices about sessions, for one watcher."""
+
+    closed: bool
+    """Whether the service is about to stop."""
+
+    async def wait(self, timeout: float) -> frozenset[str]:
+        """Return the ids of the sessions that changed since the last call; empty after ``timeout`` seconds."""
+        ...
+
+    def cancel(self) -> None:
+        """Watch no longer."""
+        ...
+
+
+class Hub(Protocol):
+    """Lets streams follow sessions."""
+
+    @property
+    def watching(self) -> int:
+        """Number of watchers."""
+        ...
+
+    def watch(self, session_id: str | None = None) -> Watch:
+        """Begin to watch one session, or all of them."""
         ...
 
 

@@ -39,8 +39,13 @@ class SurveyFormat(StrEnum):
 
     CSV = "csv"
     GETSENSORDATA = "getsensordata"
+    SENSOR_LOGGER = "sensor-logger"
+    PHYPHOX = "phyphox"
     DATASET = "dataset"
     ISODYN = "isodyn"
+
+
+PHONE_FORMATS = frozenset({SurveyFormat.SENSOR_LOGGER.value, SurveyFormat.PHYPHOX.value})
 
 
 class Frame(StrEnum):
@@ -136,8 +141,9 @@ def import_survey(
     format: Annotated[  # noqa: A002
         SurveyFormat,
         typer.Option(
-            help="csv: a row a sample; getsensordata: logs of that Android application; dataset: folders as "
-            "docs/exchange.md describes; isodyn: what `isodyn survey export` writes."
+            help="csv: a row a sample; getsensordata: logs of that Android application; sensor-logger, "
+            "phyphox: exports of these applications; dataset: folders as docs/exchange.md describes; "
+            "isodyn: what `isodyn survey export` writes."
         ),
     ],
     name: Annotated[str, typer.Option(help="Name of the survey on the level; made if there is none.")] = "imported",
@@ -150,8 +156,16 @@ def import_survey(
         list[str] | None, typer.Option(help="csv: a unit, as in mag=nT, acc=g, gyro=deg/s, t=ms; may be repeated.")
     ] = None,
     frame: Annotated[
-        Frame, typer.Option(help="csv: axes of the sensors; docs/api.md says what they are.")
+        Frame,
+        typer.Option(
+            help="csv: axes of the sensors; docs/api.md says what they are. sensor-logger, phyphox: android or ios, "
+            "if the file does not tell."
+        ),
     ] = Frame.ANDROID,
+    markers: Annotated[
+        Path | None,
+        typer.Option(help="sensor-logger: named places, a CSV file with name,x,y: annotations of these names count."),
+    ] = None,
     start: Annotated[
         str | None, typer.Option(help="When recordings without a date began, as in 2026-11-22T09:30:00Z.")
     ] = None,
@@ -174,6 +188,7 @@ def import_survey(
 
     Example:  isodyn survey import lvl_... walk1.csv walk2.csv --format csv --dry-run
     Example:  isodyn survey import lvl_... log.txt --format getsensordata --floor 2
+    Example:  isodyn survey import lvl_... recording.zip --format sensor-logger --markers doors.csv
     Example:  isodyn survey import srv_... spring.zip --format isodyn
     """
     from app.cli.survey_files import Choices, Importer, anchor_of, pairs_of, start_of
@@ -186,7 +201,10 @@ def import_survey(
         start_s=None if start is None else start_of(start),
         radio=radio,
         split=split.name_in_data,
+        markers=markers,
     )
+    if format.value in PHONE_FORMATS and frame not in {Frame.ANDROID, Frame.IOS}:
+        raise typer.BadParameter("phones tell android or ios", param_hint="--frame")
     with connect(url, key) as client:
         importer = Importer(client, target, choices, name, frame=frame.value, dry_run=dry_run)
         importer.plane = importer.plane if anchor is None else anchor_of(anchor)

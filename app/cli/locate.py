@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from app.cli.common import DEFAULT_URL, Key, Url, connect, print_table, reported
+from app.cli.common import DEFAULT_URL, Key, Url, connect, reported
+from app.cli.fix_table import columns_of, print_fixes
 
 if TYPE_CHECKING:
     import isodyn_client as isodyn
@@ -66,24 +67,8 @@ def locate(
     if result.method_reason:
         typer.echo(f"{result.method}: {result.method_reason}", err=True)
     if output:
-        output.write_text(json.dumps(_columns(fixes)))
-    ellipses = [fixes.ellipse95(i) for i in range(len(fixes))]
-    print_table(
-        ("t (s)", "level", "x (m)", "y (m)", "95 % ellipse (m)", "status", "sure"),
-        [
-            (
-                f"{(fixes.t_ms[i] - samples.t_ms[0]) / 1000:.2f}",
-                fixes.level_id[i],
-                f"{fixes.x[i]:.2f}",
-                f"{fixes.y[i]:.2f}",
-                f"{ellipses[i].semi_major_m:.1f} x {ellipses[i].semi_minor_m:.1f}",
-                fixes.status[i].value,
-                "yes" if fixes.sure[i] else "no",
-            )
-            for i in range(len(fixes))
-        ],
-        empty="no fixes: the samples are too short for a single step",
-    )
+        output.write_text(json.dumps(columns_of(fixes)))
+    print_fixes(fixes, float(samples.t_ms[0]))
 
 
 def read_samples(file: Path, frame: str) -> tuple[isodyn.Samples, isodyn.Aids]:
@@ -127,16 +112,3 @@ def _read_json(file: Path, frame: str) -> tuple[isodyn.Samples, isodyn.Aids]:
     axes = body.get("frame", frame)
     taken = isodyn.Samples(samples["t_ms"], vectors("mag"), vectors("acc"), vectors("gyro"), axes)
     return taken, isodyn.Aids.from_columns(body)
-
-
-def _columns(fixes: isodyn.Fixes) -> dict[str, list[Any]]:
-    names = ("t_ms", "x", "y", "cov_xx", "cov_xy", "cov_yy", "heading_deg", "quality", "sure")
-    columns = {name: getattr(fixes, name).tolist() for name in names}
-    walk_on = [None if value != value else value for value in fixes.walk_on_m.tolist()]  # noqa: PLR0124  # NaN
-    return {
-        **columns,
-        "kind": [k.value for k in fixes.kind],
-        "status": [s.value for s in fixes.status],
-        "walk_on_m": walk_on,
-        "level_id": list(fixes.level_id),
-    }

@@ -14,6 +14,7 @@ from app.cli import (
     demo,
     evaluate,
     exchange,
+    geofences,
     keys,
     locate,
     maps,
@@ -25,6 +26,7 @@ from app.cli import (
     surveys,
     tracks,
     versions,
+    webhooks,
 )
 from app.cli.common import NAMED
 
@@ -56,6 +58,8 @@ app.command("replay")(replay.replay)
 app.command("stream")(stream.stream)
 sessions.app.command("export")(tracks.export)
 app.add_typer(sessions.app, name="session")
+app.add_typer(geofences.app, name="geofence")
+app.add_typer(webhooks.app, name="webhook")
 app.add_typer(bridges.app, name="bridge")
 app.add_typer(evaluate.app, name="evaluate")
 app.add_typer(bench.app, name="bench")

@@ -15,10 +15,14 @@ import isodyn_client as isodyn
 
 from app.cli.convert import ble_of, samples_of, waypoints_of, wifi_of
 from app.cli.errors import InputFileError
+from app.cli.phone_files import PHONES, phone_walks
 from app.engine.errors import InputError
 from app.engine.geodesy import TangentPlane
 from app.engine.types import SurveyWalk
 from app.evaluation.errors import DataSetError
+from app.exchange.phones import PhoneFrame
+from app.exchange.phones.files import FileChoices as PhoneChoices
+from app.exchange.phones.files import PhoneFormat
 from app.exchange.surveys import CsvChoices, Findings, LogChoices, read_csv, read_getsensordata, read_survey
 
 if TYPE_CHECKING:
@@ -43,6 +47,8 @@ class Choices:
     start_s: float | None = None
     radio: bool = False
     split: Literal["train", "test"] | None = "train"
+    markers: Path | None = None
+    """Named places, for annotations of phones."""
 
 
 class Importer:
@@ -108,6 +114,9 @@ class Importer:
             wanted = CsvChoices(choices.columns, choices.units, choices.floor, choices.start_s)
             with file.open("rb") as source:
                 yield from read_csv(source, name, wanted, self.plane, findings)
+        elif choices.format in PHONES:
+            said = PhoneChoices(PhoneFrame(self._frame), choices.start_s, choices.radio)
+            yield from phone_walks(file, PhoneFormat(choices.format), said, choices.markers, findings)
         else:
             log = LogChoices(choices.floor, choices.radio, choices.start_s)
             with file.open("rb") as source:
@@ -124,7 +133,8 @@ class Importer:
             stored = self._client.add_walk(
                 self.survey_id,
                 clean_name(walk.walk_id),
-                replace(samples, frame=self._frame),
+                # what is read of phones is in Android's frame already
+                samples if self._choices.format in PHONES else replace(samples, frame=self._frame),
                 waypoints_of(walk.waypoints),
                 wifi=wifi_of(walk.wifi) if self._choices.radio else None,
                 ble=ble_of(walk.ble) if self._choices.radio else None,

@@ -5,13 +5,21 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from app.services.accounts import AccountService
+from app.services.activity import Host
+from app.services.alarms import AlarmService
 from app.services.clock import Clock
 from app.services.contributions import ContributionService
 from app.services.device_models import DeviceModelService
 from app.services.devices import DeviceService
 from app.services.exchange import ExchangeService
+from app.services.geofences import GeofenceService
+from app.services.ground_truth import GroundTruthService
 from app.services.idempotency import IdempotencyService
+from app.services.ingest.ports import UploadChecks
+from app.services.ingest.recordings import RecordingService
+from app.services.ingest.tokens import IngestTokenService
 from app.services.jobs import JobService
+from app.services.live import LiveService, SessionListener
 from app.services.locate import LocateService
 from app.services.maps import MapService
 from app.services.methods import MethodCheck, check_method
@@ -28,6 +36,8 @@ from app.services.tracks import TrackService
 from app.services.trajectories import TrajectoryService
 from app.services.venues import VenueService
 from app.services.versions import VersionService
+from app.services.webhook_outbox import OutboxService, RetryPolicy
+from app.services.webhooks import WebhookService
 
 DEFAULT_MAX_QUEUED = 10_000
 
@@ -46,6 +56,9 @@ class Services:
     versions: VersionService
     planning: PlanningService
     sessions: SessionService
+    live: LiveService
+    ingest_tokens: IngestTokenService
+    recordings: RecordingService
     locate: LocateService
     trajectories: TrajectoryService
     tracks: TrackService
@@ -55,7 +68,12 @@ class Services:
     accounts: AccountService
     idempotency: IdempotencyService
     stats: StatsService
+    ground_truth: GroundTruthService
+    alarms: AlarmService
     exchange: ExchangeService
+    geofences: GeofenceService
+    webhooks: WebhookService
+    outbox: OutboxService
 
 
 def build_services(
@@ -65,16 +83,22 @@ def build_services(
     executor: Executor,
     cache: MapCache,
     listener: JobListener,
+    watchers: SessionListener,
+    checks: UploadChecks,
     locate_task: LocateTask,
     smooth_task: SmoothTask,
     replay_task: ReplayTask,
     max_queued: int = DEFAULT_MAX_QUEUED,
     check: MethodCheck = check_method,
+    host: Host | None = None,
+    webhook_private_networks: bool = False,
+    webhook_retries: RetryPolicy | None = None,
 ) -> Services:
     """Wire the use cases.
 
     ``locate_task`` is what workers run for a one-shot location, ``smooth_task`` for a smoothed trajectory,
     ``replay_task`` for a replay (``app.workers.tasks``): the use cases know that they exist, not where they live.
+    Without a ``host`` nobody looks after disk and workers.
     """
     maps = MapService(uow=uow, clock=clock, cache=cache, listener=listener)
     trajectories = TrajectoryService(uow=uow, clock=clock, executor=executor, cache=cache, task=smooth_task)
@@ -89,7 +113,18 @@ def build_services(
         maps=maps,
         planning=PlanningService(uow=uow, clock=clock, maps=maps),
         sessions=SessionService(
-            uow=uow, clock=clock, cache=cache, listener=listener, max_queued=max_queued, check=check
+            uow=uow,
+            clock=clock,
+            cache=cache,
+            listener=listener,
+            watchers=watchers,
+            max_queued=max_queued,
+            check=check,
+        ),
+        live=LiveService(uow=uow, clock=clock),
+        ingest_tokens=IngestTokenService(uow=uow, clock=clock),
+        recordings=RecordingService(
+            uow=uow, clock=clock, checks=checks, listener=listener, watchers=watchers, max_queued=max_queued
         ),
         locate=LocateService(uow=uow, clock=clock, executor=executor, cache=cache, task=locate_task, check=check),
         trajectories=trajectories,
@@ -99,6 +134,11 @@ def build_services(
         processing=ProcessingService(uow=uow, clock=clock, cache=cache),
         accounts=AccountService(uow=uow, clock=clock),
         idempotency=IdempotencyService(uow=uow, clock=clock),
-        stats=StatsService(uow=uow, clock=clock),
+        stats=StatsService(uow=uow, clock=clock, host=host),
+        ground_truth=GroundTruthService(uow=uow, clock=clock),
+        alarms=AlarmService(uow=uow, clock=clock, host=host),
         exchange=ExchangeService(uow=uow, clock=clock, cache=cache),
+        geofences=GeofenceService(uow=uow, clock=clock),
+        webhooks=WebhookService(uow=uow, clock=clock, private_networks=webhook_private_networks),
+        outbox=OutboxService(uow=uow, clock=clock, policy=webhook_retries),
     )

@@ -61,7 +61,7 @@ class MapExport:
         try:
             write_map(self.document, self.format, target)
         except InputError as error:
-            raise _refused(error) from error
+            raise refused(error) from error
 
 
 class ExchangeService(Service):
@@ -110,7 +110,7 @@ class ExchangeService(Service):
         try:
             imported = read_map(content, kind, level_id, choices)
         except InputError as error:
-            raise _refused(error) from error
+            raise refused(error) from error
         _check_place(imported.grid, level)
         grid = imported.grid if drawn is None else _with_plan(imported.grid, drawn)
         origin = _origin(imported, content, kind, texts)
@@ -163,8 +163,8 @@ def software() -> str:
         return "isodyn (source tree)"
 
 
-def _refused(error: InputError) -> InvalidError:
-    """The engine's errors end in their remedy."""
+def refused(error: InputError) -> InvalidError:
+    """What of a file cannot be taken: the engine's errors end in their remedy."""
     message, semicolon, remedy = error.message.rpartition("; ")
     if not semicolon:
         return InvalidError(error.field, error.message, "correct the file, see docs/exchange.md")

@@ -25,7 +25,11 @@ from app.engine.types import (
     TrackerState,
     WalkReport,
 )
+from app.services.activity import ActivityRepository, InventoryRepository
 from app.services.aids import Recording
+from app.services.geofence_ports import GeofenceRepository
+from app.services.ground_truth_records import GroundTruthRepository
+from app.services.ingest.ports import IngestRepository
 from app.services.records import (
     Anchor,
     ApiKey,
@@ -41,6 +45,7 @@ from app.services.records import (
     JobKind,
     JobState,
     LastingChange,
+    LastKnown,
     Level,
     LevelMap,
     MapInfo,
@@ -61,6 +66,8 @@ from app.services.records import (
     Walk,
 )
 from app.services.tasks import MapRef
+from app.services.walk_tracks import WalkTrack
+from app.services.webhook_ports import WebhookRepository
 
 if TYPE_CHECKING:
     from app.services.search import Search
@@ -180,6 +187,9 @@ class SurveyRepository(Protocol):
     def find_walk(self, survey_id: str, content_hash: str) -> Walk | None: ...
     def list_walks(self, survey_id: str, *, cursor: str | None, limit: int) -> Page[Walk]: ...
     def delete_walk(self, walk_id: str) -> None: ...
+    def list_tracks(
+        self, level_id: str, survey_ids: Sequence[str], *, cursor: str | None, limit: int
+    ) -> Page[WalkTrack]: ...
     def count_walks(self, level_id: str, survey_ids: Sequence[str]) -> int: ...
     def carriers(self, level_id: str) -> Mapping[str, Carrier]:
         """The device of each of the level's walks that name one, by walk id."""
@@ -374,6 +384,20 @@ class SessionRepository(Protocol):
         """Fixes of a kind that is stored, in time order; the cursor is the ``number`` of the last one seen."""
         ...
 
+    def last_known(
+        self,
+        *,
+        venue_id: str | None,
+        level_id: str | None,
+        limit: int,
+        only: Sequence[str] | None = None,
+    ) -> Sequence[LastKnown]:
+        """Sessions with their last fixes, newest first: the open ones, or ``only`` these whether open or not.
+
+        ``level_id``: where the last fix is, or where the session was opened if it has none.
+        """
+        ...
+
 
 class JobRepository(Protocol):
     """The durable queue."""
@@ -453,9 +477,15 @@ class UnitOfWork(Protocol):
     contributions: ContributionRepository
     publications: PublicationRepository
     sessions: SessionRepository
+    geofences: GeofenceRepository
+    webhooks: WebhookRepository
     jobs: JobRepository
     keys: KeyRepository
     idempotency: IdempotencyRepository
+    ingest: IngestRepository
+    ground_truth: GroundTruthRepository
+    activity: ActivityRepository
+    inventory: InventoryRepository
 
     def stats(self) -> Stats: ...
 

@@ -13,6 +13,8 @@ from app.services.base import Service
 from app.services.clock import Clock
 from app.services.device_memory import remember_survey
 from app.services.errors import ConflictError, InvalidError, NotSmoothableError
+from app.services.geofencing import watch_fixes
+from app.services.ground_truth import settle
 from app.services.ids import new_id, seed_of
 from app.services.jobs import record_failure
 from app.services.level_frame import in_level_frame
@@ -191,6 +193,8 @@ class ProcessingService(Service):
                 lagged=result.lagged,
                 calibration=_usable(result.calibration),
             )
+            settle(uow, session_id)
+            watch_fixes(uow, session_id, seq, result.fixes, now)
             if status is SessionStatus.CLOSED:
                 end_if_over(uow, session_id, now)
             return uow.jobs.get(job.id)

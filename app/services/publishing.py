@@ -7,6 +7,7 @@ from datetime import datetime
 from app.services.ids import new_id
 from app.services.ports import UnitOfWork
 from app.services.records import MapInfo, Publication
+from app.services.webhook_news import tell_published
 
 BUILT = "built"
 UPDATED = "updated"
@@ -34,4 +35,5 @@ def publish(uow: UnitOfWork, info: MapInfo, now: datetime, *, key_id: str | None
         created_at=now,
     )
     uow.publications.add(publication)
+    tell_published(uow, publication)
     return publication

@@ -580,6 +580,14 @@ class Position:
 
 
 @dataclass(frozen=True, slots=True)
+class LastKnown:
+    """A session and the last position that was told of it, if there is one."""
+
+    session: Session
+    position: Position | None
+
+
+@dataclass(frozen=True, slots=True)
 class Trajectory:
     """A session's smoothed trajectory, one fix per step."""
 

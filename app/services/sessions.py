@@ -3,32 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 
-from app.engine.localization.particle import ParticleTracker
 from app.engine.types import FixKind, Prior
-from app.services.aids import Recording
 from app.services.base import DEFAULT_LIMIT, Service, check_limit, check_number_cursor
 from app.services.clock import Clock
 from app.services.device_memory import starting_calibration
-from app.services.errors import (
-    InvalidError,
-    OverloadedError,
-    SequenceConflictError,
-    SequenceGapError,
-    SessionClosedError,
-)
-from app.services.ids import new_id
-from app.services.level_frame import in_level_frame
-from app.services.methods import MethodCheck, check_method, method_for
-from app.services.new_jobs import new_job
-from app.services.places import choose_place
-from app.services.ports import JobListener, MapCache, UnitOfWork, UnitOfWorkFactory
+from app.services.errors import InvalidError
+from app.services.live import SessionListener
+from app.services.methods import MethodCheck, check_method
+from app.services.open_sessions import NewSession, accept_segment, close_session, open_session
+from app.services.ports import JobListener, MapCache, UnitOfWorkFactory
 from app.services.records import (
     Accepted,
-    Job,
-    JobKind,
-    JobState,
     NewSegment,
     Page,
     Position,
@@ -37,9 +23,6 @@ from app.services.records import (
     Session,
     SessionStatus,
 )
-from app.services.session_end import end_if_over
-
-RETRY_AFTER_S = 2.0
 
 
 class SessionService(Service):
@@ -52,12 +35,14 @@ class SessionService(Service):
         clock: Clock,
         cache: MapCache,
         listener: JobListener,
+        watchers: SessionListener,
         max_queued: int,
         check: MethodCheck = check_method,
     ) -> None:
         super().__init__(uow=uow, clock=clock)
         self._cache = cache
         self._listener = listener
+        self._watchers = watchers
         self._max_queued = max_queued
         self._check = check
 
@@ -83,36 +68,24 @@ class SessionService(Service):
         offered to the maps when it is closed.
         """
         self._check(method, parameters)
+        new = NewSession(
+            level_id=level_id,
+            venue_id=venue_id,
+            method=method,
+            parameters=dict(parameters),
+            prior=prior,
+            device_id=device_id,
+            map_id=map_id,
+            map_ids=tuple(map_ids),
+            calibration_epoch=calibration_epoch,
+            contributor=contributor,
+        )
         now = self._clock()
         with self._uow() as uow:
             start = starting_calibration(uow, device_id, calibration_epoch)
         with self._uow(write=True) as uow:
-            place = choose_place(uow, level_id, venue_id, map_id, map_ids)
-            chosen = method_for(uow, place, method, prior)
-            if contributor is not None and chosen.name != ParticleTracker.method:
-                raise InvalidError(
-                    "contribute",
-                    f"sessions of the method {chosen.name!r} have no smoothed track to offer",
-                    f"use the method {ParticleTracker.method!r}, or leave contribute out",
-                )
-            session = Session(
-                id=new_id("ses", now),
-                venue_id=place.venue_id,
-                level_id=place.level_id,
-                maps=place.maps,
-                device_id=device_id,
-                method=chosen.name,
-                method_reason=chosen.reason,
-                parameters=dict(parameters),
-                prior=replace(place.prior(prior), calibration=start.calibration),
-                status=SessionStatus.OPEN,
-                next_seq=0,
-                created_at=now,
-                closed_at=None,
-                calibration_epoch=calibration_epoch,
-                contributor=contributor,
-            )
-            uow.sessions.add(session)
+            session = open_session(uow, new, start.calibration, now)
+        self._watchers.session_changed(session.id)
         return session
 
     def get(self, session_id: str) -> Session:
@@ -148,8 +121,8 @@ class SessionService(Service):
         """
         now = self._clock()
         with self._uow(write=True) as uow:
-            session = uow.sessions.close(session_id, now)
-            end_if_over(uow, session_id, now)
+            session = close_session(uow, session_id, now)
+        self._watchers.session_changed(session_id)
         return session
 
     def accept(self, session_id: str, new: NewSegment) -> Accepted:
@@ -159,22 +132,10 @@ class SessionService(Service):
         """
         now = self._clock()
         with self._uow(write=True) as uow:
-            session = uow.sessions.get(session_id)
-            if new.seq < session.next_seq:
-                return _repeated(uow, session_id, new)
-            if session.status is SessionStatus.CLOSED:
-                raise SessionClosedError(session_id)
-            if new.seq > session.next_seq:
-                raise SequenceGapError(new.seq, session.next_seq)
-            _check_time(uow, session_id, new)
-            in_level_frame(uow, session.venue_id, [Recording(new.samples, new.aids)])
-            if uow.jobs.count(JobState.QUEUED, JobState.RUNNING) >= self._max_queued:
-                raise OverloadedError(RETRY_AFTER_S)
-            job = new_job(JobKind.LOCATE_SEGMENT, session_id, {"session_id": session_id, "seq": new.seq}, now)
-            uow.jobs.add(job)
-            uow.sessions.add_segment(session_id, new, job.id, now)
-        self._listener.job_queued(job)
-        return Accepted(_segment_info(session_id, new, job), job, repeated=False)
+            accepted = accept_segment(uow, uow.sessions.get(session_id), new, now, max_queued=self._max_queued)
+        if not accepted.repeated:
+            self._listener.job_queued(accepted.job)
+        return accepted
 
     def segment(self, session_id: str, seq: int) -> SegmentInfo:
         """One segment, without its samples."""
@@ -209,39 +170,3 @@ class SessionService(Service):
             return uow.sessions.list_positions(
                 session_id, seq=seq, cursor=check_number_cursor(cursor), limit=check_limit(limit), kind=kind
             )
-
-
-def _repeated(uow: UnitOfWork, session_id: str, new: NewSegment) -> Accepted:
-    known = uow.sessions.get_segment(session_id, new.seq)
-    if known.content_hash != new.content_hash:
-        raise SequenceConflictError(new.seq)
-    return Accepted(known, uow.jobs.get(known.job_id), repeated=True)
-
-
-def _check_time(uow: UnitOfWork, session_id: str, new: NewSegment) -> None:
-    """Phones sleep, so any gap between segments is fine; going back in time is not."""
-    if not len(new.samples):
-        raise InvalidError("samples.t_ms", "is empty", "send at least one sample")
-    last = uow.sessions.last_segment(session_id)
-    if last is not None and new.samples.t[0] <= last.t_end:
-        raise InvalidError(
-            "samples.t_ms",
-            f"starts at {new.samples.t[0] * 1000:.3f}, not after the end of seq {last.seq}, {last.t_end * 1000:.3f}",
-            "send each sample once, in time order",
-        )
-
-
-def _segment_info(session_id: str, new: NewSegment, job: Job) -> SegmentInfo:
-    return SegmentInfo(
-        session_id=session_id,
-        seq=new.seq,
-        content_hash=new.content_hash,
-        n_samples=len(new.samples),
-        t_start=float(new.samples.t[0]),
-        t_end=float(new.samples.t[-1]),
-        job_id=job.id,
-        job_state=job.state,
-        error=None,
-        received_at=job.created_at,
-        processed_at=None,
-    )

@@ -11,6 +11,7 @@ from app.services.base import DEFAULT_LIMIT, Service, check_limit
 from app.services.errors import InvalidError, NotFoundError
 from app.services.ids import new_id
 from app.services.records import NewWalk, Page, Survey, Walk
+from app.services.walk_tracks import WalkTrack
 
 
 class SurveyService(Service):
@@ -39,7 +40,7 @@ class SurveyService(Service):
 
     def add_walk(self, survey_id: str, new: NewWalk) -> tuple[Walk, bool]:
         """Store a walk. The flag says that this content was there already: then nothing is stored."""
-        walk = _walk_of(survey_id, new, self._clock())
+        walk = new_walk_record(survey_id, new, self._clock())
         with self._uow(write=True) as uow:
             uow.surveys.get(survey_id)
             known = uow.surveys.find_walk(survey_id, new.content_hash)
@@ -64,6 +65,20 @@ class SurveyService(Service):
             uow.surveys.get(survey_id)
             return uow.surveys.list_walks(survey_id, cursor=cursor, limit=check_limit(limit))
 
+    def find_walk(self, survey_id: str, content_hash: str) -> Walk | None:
+        """The walk of this content, if the survey has it."""
+        with self._uow() as uow:
+            return uow.surveys.find_walk(survey_id, content_hash)
+
+    def list_tracks(
+        self, level_id: str, cursor: str | None = None, limit: int = DEFAULT_LIMIT, *, survey_id: str | None = None
+    ) -> Page[WalkTrack]:
+        """Where the walks of a level (of one survey, if it is named) went, oldest first."""
+        with self._uow() as uow:
+            uow.levels.get(level_id)
+            surveys = () if survey_id is None else (uow.surveys.get(survey_id).id,)
+            return uow.surveys.list_tracks(level_id, surveys, cursor=cursor, limit=check_limit(limit))
+
     def delete_walk(self, survey_id: str, walk_id: str) -> None:
         """Delete a walk; maps built from it stay as they are."""
         with self._uow(write=True) as uow:
@@ -77,7 +92,8 @@ def _of_survey(survey_id: str, walk: Walk) -> Walk:
     return walk
 
 
-def _walk_of(survey_id: str, new: NewWalk, now: datetime) -> Walk:
+def new_walk_record(survey_id: str, new: NewWalk, now: datetime) -> Walk:
+    """A walk as it is stored, without its samples."""
     return Walk(
         id=new_id("wlk", now),
         survey_id=survey_id,

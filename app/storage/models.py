@@ -511,6 +511,34 @@ field_changes = Table(
     Index(None, "level_id", "id"),
 )
 
+ground_truth = Table(
+    "ground_truth",
+    metadata,
+    Column("session_id", ID, ForeignKey("sessions.id"), primary_key=True),
+    Column("number", Integer, primary_key=True, autoincrement=False),
+    _double("t"),
+    _double("x"),
+    _double("y"),
+    Column("level_id", ID, nullable=True),
+    _double("sd_m"),
+    _time("created_at"),
+    # no later fix can come nearer
+    Column("settled", Boolean, nullable=False),
+    # what was told there; all null while nothing was
+    _double("fix_x", nullable=True),
+    _double("fix_y", nullable=True),
+    Column("fix_level_id", ID, nullable=True),
+    _double("apart_s", nullable=True),
+    _double("error_m", nullable=True),
+    _double("normalized", nullable=True),
+    Column("inside", Boolean, nullable=True),
+    Column("sure", Boolean, nullable=True),
+    Column("status", String(16), nullable=True),
+    UniqueConstraint("session_id", "t"),
+    Index(None, "t"),
+    sqlite_with_rowid=False,
+)
+
 api_keys = Table(
     "api_keys",
     metadata,
@@ -531,4 +559,86 @@ idempotency_keys = Table(
     Column("request_hash", HASH, nullable=False),
     Column("created_id", ID, nullable=False),
     Column("created_at", UtcDateTime, nullable=False, index=True),
+)
+
+ingest_tokens = Table(
+    "ingest_tokens",
+    metadata,
+    _id(),
+    Column("name", Text, nullable=False),
+    Column("app", String(32), nullable=False),
+    Column("purpose", String(16), nullable=False),
+    _reference("device_id", "devices.id"),
+    _reference("venue_id", "venues.id"),
+    _reference("level_id", "levels.id", nullable=True),
+    _reference("survey_id", "surveys.id", nullable=True),
+    Column("frame", String(16), nullable=False),
+    Column("prior", JSON(none_as_null=True), nullable=True),
+    Column("contribute", Boolean, nullable=False),
+    Column("build", String(16), nullable=False),
+    Column("route", JSON, nullable=False),
+    _reference("key_id", "api_keys.id"),
+    Column("secret_hash", HASH, nullable=False, unique=True),
+    _time("created_at"),
+    _time("last_used_at", nullable=True),
+    _time("revoked_at", nullable=True),
+    Index(None, "device_id", "id"),
+)
+
+recordings = Table(
+    "recordings",
+    metadata,
+    _id(),
+    _reference("token_id", "ingest_tokens.id"),
+    Column("device_id", ID, nullable=False),
+    Column("app_session", String(256), nullable=False),
+    Column("part", Integer, nullable=False),
+    Column("purpose", String(16), nullable=False),
+    Column("venue_id", ID, nullable=False),
+    Column("level_id", ID, nullable=True),
+    _reference("session_id", "sessions.id", nullable=True),
+    Column("survey_id", ID, nullable=True),
+    Column("walk_ids", JSON, nullable=False),
+    Column("state", String(16), nullable=False),
+    Column("next_number", BigInteger, nullable=False),
+    Column("until_ns", BigInteger, nullable=True),
+    Column("started_ns", BigInteger, nullable=True),
+    Column("annotations", JSON, nullable=False),
+    Column("n_messages", Integer, nullable=False),
+    Column("n_samples", Integer, nullable=False),
+    Column("n_late", Integer, nullable=False),
+    Column("problem", Text, nullable=False),
+    _time("opened_at"),
+    _time("last_at"),
+    _time("closed_at", nullable=True),
+    UniqueConstraint("token_id", "app_session", "part"),
+    Index(None, "token_id", "id"),
+    Index(None, "device_id", "id"),
+    Index(None, "state", "last_at"),
+)
+
+recording_rests = Table(
+    "recording_rests",
+    metadata,
+    Column("recording_id", ID, ForeignKey("recordings.id"), primary_key=True),
+    Column("data", LargeBinary, nullable=False),
+)
+
+recording_messages = Table(
+    "recording_messages",
+    metadata,
+    Column("recording_id", ID, ForeignKey("recordings.id"), primary_key=True),
+    Column("number", BigInteger, primary_key=True, autoincrement=False),
+    # none: they are among the samples of a session by now
+    Column("readings", LargeBinary, nullable=True),
+    _time("received_at"),
+)
+
+level_markers = Table(
+    "level_markers",
+    metadata,
+    Column("level_id", ID, ForeignKey("levels.id"), primary_key=True),
+    Column("name", String(100), primary_key=True),
+    _double("x"),
+    _double("y"),
 )

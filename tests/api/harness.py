@@ -14,20 +14,23 @@ import numpy as np
 from fastapi import FastAPI
 
 from app.api import create_api
+from app.api.checks import Checks
 from app.engine.types import Float64Array, ImuSamples
 from app.services.aids import Aids
 from app.services.container import Services, build_services
 from app.services.records import Anchor, Job, JobKind, JobState, Level, Scope, VenueKind
 from app.services.tasks import BuildResult
-from app.storage import Database, FileMapCache
+from app.storage import FileMapCache
 from app.workers.broker import JobBroker
 from app.workers.events import JobEvents
+from app.workers.live import SessionHub
 from tests.support.builders import (
     CallingExecutor,
     SteppingClock,
     answer_locate,
     answer_replay,
     answer_smooth,
+    database_at,
     map_build,
     new_walk,
     samples,
@@ -44,6 +47,7 @@ class Options:
 
     max_body_bytes: int = 8 * 2**20
     max_wait_s: float = 30.0
+    max_streams: int = 1000
     rate_limit_per_minute: int = 0
     rate_limit_burst: int = 200
     cors_origins: tuple[str, ...] = ()
@@ -110,16 +114,18 @@ class Api:
     """An application with its parts, and short ways to call it."""
 
     def __init__(self, folder: Path, options: Options = Options(), *, max_queued: int = 1000) -> None:
-        self.database = Database.at(folder / "isodyn.db")
-        self.database.migrate()
+        self.database = database_at(folder / "isodyn.db")
         self.clock = SteppingClock()
         self.events, self.broker, self.worker = JobEvents(), JobBroker(), Worker()
+        self.hub = SessionHub()
         self.services = build_services(
             uow=self.database,
             clock=self.clock,
             executor=CallingExecutor(),
             cache=FileMapCache(folder / "maps"),
             listener=self.events,
+            watchers=self.hub,
+            checks=Checks(),
             locate_task=answer_locate,
             smooth_task=answer_smooth,
             replay_task=answer_replay,
@@ -127,12 +133,14 @@ class Api:
         )
         self.worker.services, self.worker.events = self.services, self.events
         self.events.add(self.broker)
+        self.events.add(self.hub)
         self.events.add(self.worker)
         self.parts: dict[str, bool] = {"database": True, "pool": True}
         self.metrics = Seen()
         self.app: FastAPI = create_api(
             services=self.services,
             broker=self.broker,
+            hub=self.hub,
             settings=options,
             metrics=self.metrics,
             ready=self.ready,

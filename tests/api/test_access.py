@@ -8,7 +8,7 @@ from collections.abc import Callable
 import pytest
 from fastapi.routing import iter_route_contexts
 
-from app.api.auth import KEY_CACHE_S, Access, KeyCache
+from app.api.auth import KEY_CACHE_S, Access, KeyCache, scope_word
 from app.api.routing import ApiRoute, UndeclaredAccessError, api_router
 from app.services.records import ApiKey, Scope
 from tests.api.harness import Api
@@ -16,6 +16,7 @@ from tests.support.builders import START
 
 LOCATE, SURVEY, ADMIN = Access(Scope.LOCATE), Access(Scope.SURVEY), Access(Scope.ADMIN)
 ANY, PUBLIC = Access(None), Access(None, public=True)
+TOKEN = Access(None, public=True, by_token=True)
 
 TABLE = {
     "GET /healthz": PUBLIC,
@@ -23,6 +24,21 @@ TABLE = {
     "GET /metrics": PUBLIC,
     "GET /docs": PUBLIC,
     "GET /openapi.json": PUBLIC,
+    "GET /v1/sessions/{session_id}/events": LOCATE,
+    "GET /v1/live": LOCATE,
+    "POST /v1/ingest-tokens": LOCATE,
+    "GET /v1/ingest-tokens": LOCATE,
+    "GET /v1/ingest-tokens/{token_id}": LOCATE,
+    "DELETE /v1/ingest-tokens/{token_id}": LOCATE,
+    "POST /v1/ingest/sensor-logger/{token}": TOKEN,
+    "POST /v1/ingest/phyphox/{token}": TOKEN,
+    "GET /v1/ingest/phyphox/{token}/experiment.phyphox": TOKEN,
+    "GET /v1/recordings": LOCATE,
+    "GET /v1/recordings/{recording_id}": LOCATE,
+    "POST /v1/recordings/{recording_id}/close": LOCATE,
+    "PUT /v1/recordings/{recording_id}/waypoints": SURVEY,
+    "GET /v1/levels/{level_id}/markers": ANY,
+    "PUT /v1/levels/{level_id}/markers": SURVEY,
     "POST /v1/venues": SURVEY,
     "GET /v1/venues": ANY,
     "GET /v1/venues/{venue_id}": ANY,
@@ -37,6 +53,7 @@ TABLE = {
     "GET /v1/levels/{level_id}/plan.geojson": ANY,
     "PUT /v1/levels/{level_id}/map": SURVEY,
     "GET /v1/levels/{level_id}/publications": SURVEY,
+    "GET /v1/levels/{level_id}/waypoints": SURVEY,
     "POST /v1/devices": LOCATE,
     "GET /v1/devices": LOCATE,
     "GET /v1/devices/{device_id}": LOCATE,
@@ -50,6 +67,7 @@ TABLE = {
     "GET /v1/surveys/{survey_id}/walks": SURVEY,
     "GET /v1/surveys/{survey_id}/walks/{walk_id}": SURVEY,
     "DELETE /v1/surveys/{survey_id}/walks/{walk_id}": SURVEY,
+    "POST /v1/surveys/{survey_id}/import": SURVEY,
     "POST /v1/maps": SURVEY,
     "GET /v1/maps": ANY,
     "GET /v1/maps/{map_id}": ANY,
@@ -81,6 +99,23 @@ TABLE = {
     "GET /v1/sessions/{session_id}/trajectory": LOCATE,
     "GET /v1/sessions/{session_id}/track": LOCATE,
     "POST /v1/sessions/{session_id}/replay": LOCATE,
+    "POST /v1/sessions/{session_id}/ground-truth": LOCATE,
+    "GET /v1/sessions/{session_id}/ground-truth": LOCATE,
+    "DELETE /v1/sessions/{session_id}/ground-truth": LOCATE,
+    "POST /v1/geofences": SURVEY,
+    "GET /v1/geofences": ANY,
+    "GET /v1/geofences/{geofence_id}": ANY,
+    "PATCH /v1/geofences/{geofence_id}": SURVEY,
+    "DELETE /v1/geofences/{geofence_id}": SURVEY,
+    "GET /v1/geofence-events": LOCATE,
+    "POST /v1/webhooks": ADMIN,
+    "GET /v1/webhooks": ADMIN,
+    "GET /v1/webhooks/{webhook_id}": ADMIN,
+    "PATCH /v1/webhooks/{webhook_id}": ADMIN,
+    "DELETE /v1/webhooks/{webhook_id}": ADMIN,
+    "GET /v1/webhooks/{webhook_id}/deliveries": ADMIN,
+    "POST /v1/webhooks/{webhook_id}/test": ADMIN,
+    "POST /v1/webhooks/{webhook_id}/deliveries/{delivery_id}/redeliver": ADMIN,
     "POST /v1/locate": LOCATE,
     "GET /v1/jobs": ANY,
     "GET /v1/jobs/{job_id}": ANY,
@@ -89,21 +124,35 @@ TABLE = {
     "GET /v1/methods/{name}": ANY,
     "POST /v1/keys": ADMIN,
     "GET /v1/keys": ADMIN,
+    "GET /v1/keys/current": ANY,
     "GET /v1/keys/{key_id}": ADMIN,
     "DELETE /v1/keys/{key_id}": ADMIN,
     "GET /v1/stats": ADMIN,
+    "GET /v1/stats/throughput": ADMIN,
+    "GET /v1/stats/latency": ADMIN,
+    "GET /v1/stats/backlog": ADMIN,
+    "GET /v1/stats/errors": ADMIN,
+    "GET /v1/stats/fixes": ADMIN,
+    "GET /v1/stats/accuracy": ADMIN,
+    "GET /v1/stats/storage": ADMIN,
+    "GET /v1/stats/levels": ADMIN,
+    "GET /v1/stats/alarms": ADMIN,
 }
 GUARDED = {name: access for name, access in TABLE.items() if not access.public}
+SOCKETS = {"/v1/sessions/{session_id}/stream"}
+"""WebSockets check their caller themselves: tests/e2e/test_streams.py."""
 
 
 def routes_of(api: Api) -> dict[str, Access]:
     found = {}
     for context in iter_route_contexts(api.app.routes):
         route = context.original_route
+        if context.path in SOCKETS:
+            continue
         assert isinstance(route, ApiRoute), f"{context.path} is not an ApiRoute: nothing checks its caller"
         for method in route.methods or ():
             found[f"{method} {route.path.replace(':path}', '}')}"] = Access(
-                route.access.scope, public=route.access.public
+                route.access.scope, public=route.access.public, by_token=route.access.by_token
             )
     return found
 
@@ -125,6 +174,7 @@ def test_a_route_without_declared_access_cannot_exist() -> None:
 
 
 def test_the_matrix(api: Api) -> None:
+    api.hub.close()  # or streams would never end
     for name, access in GUARDED.items():
         assert call(api, name, None) == (401, "unauthorized"), name
         assert call(api, name, "isk_unknown") == (401, "unauthorized"), name
@@ -137,8 +187,16 @@ def test_the_matrix(api: Api) -> None:
 
 def test_public_routes_need_no_key(api: Api) -> None:
     for name, access in TABLE.items():
-        if access.public:
+        if scope_word(access) == "none":
             assert call(api, name, None)[0] == 200, name
+
+
+def test_routes_with_a_token_in_the_path_refuse_another_one(api: Api) -> None:
+    for name, access in TABLE.items():
+        if scope_word(access) == "token":
+            method, path = name.split()
+            answer = api.call(method, path.replace("{token}", "isi_unknown"), key=None, json={})
+            assert (answer.status_code, "isi_unknown" in answer.text) == (499, False), name
 
 
 @pytest.mark.parametrize(

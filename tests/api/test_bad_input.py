@@ -266,6 +266,7 @@ def test_all_fields_of_a_stage_are_named(session: There) -> None:
     assert problem["detail"].endswith("(and 1 more)")
 
 
+@pytest.mark.timing
 @pytest.mark.parametrize("encode", [as_json, as_msgpack])
 def test_refusals_take_milliseconds(session: There, encode: Callable[..., Any]) -> None:
     api, path = session

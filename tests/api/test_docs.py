@@ -8,6 +8,7 @@ import shlex
 from pathlib import Path
 from typing import Any
 
+from app.api.auth import scope_word
 from app.api.errors import PROBLEM_TYPES, TYPE_BASE
 from app.services.records import Scope
 from tests.api.harness import Api, plain, segment_body, walk_body
@@ -19,10 +20,7 @@ PAGE = (Path(__file__).parents[2] / "docs" / "api.md").read_text()
 
 def test_every_call_is_listed_with_its_scope() -> None:
     rows = dict(re.findall(r"^\| `((?:GET|POST|PUT|PATCH|DELETE) \S+)` \| (\w+) \|", PAGE, flags=re.MULTILINE))
-    expected = {
-        name: "none" if access.public else access.scope.value if access.scope else "any"
-        for name, access in TABLE.items()
-    }
+    expected = {name: scope_word(access) for name, access in TABLE.items()}
     assert rows == expected
 
 

@@ -18,6 +18,15 @@ def test_the_secret_is_told_once(api: Api) -> None:
     assert api.get("/v1/devices", key=secret).status_code == 200
 
 
+@pytest.mark.parametrize("scope", list(Scope))
+def test_a_key_may_read_what_it_is(api: Api, scope: Scope) -> None:
+    shown = api.ok("GET", "/v1/keys/current", key=scope)
+    assert shown["scopes"] == [scope.value]
+    assert shown["name"] == scope.value
+    assert "secret" not in shown
+    assert api.ok("GET", f"/v1/keys/{shown['id']}")["name"] == scope.value
+
+
 def test_revoked_keys_stay_in_the_list(api: Api) -> None:
     made = api.ok("POST", "/v1/keys", json={"name": "k", "scopes": ["locate"]})
     assert api.call("DELETE", f"/v1/keys/{made['id']}").status_code == 204

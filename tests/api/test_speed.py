@@ -24,6 +24,7 @@ def json_bytes() -> bytes:
     return orjson.dumps(body)
 
 
+@pytest.mark.timing
 @pytest.mark.parametrize(
     ("body", "kind", "goal_ms"),
     [

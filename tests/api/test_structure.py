@@ -78,6 +78,7 @@ def survey_id(api: Api) -> str:
     return str(api.ok("POST", "/v1/surveys", json={"level_id": api.level().id, "name": "s"})["id"])
 
 
+@pytest.mark.timing
 @pytest.mark.parametrize("name", BOMBS)
 @pytest.mark.parametrize("what", ["segments", "walks"])
 def test_a_bomb_is_refused_at_once(api: Api, survey_id: str, name: str, what: str) -> None:

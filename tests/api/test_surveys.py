@@ -56,3 +56,21 @@ def test_a_walk_belongs_to_its_survey(api: Api) -> None:
     assert api.call("DELETE", f"{other}/walks/{walk_id}").status_code == 404
     assert api.call("DELETE", f"{path}/walks/{walk_id}").status_code == 204
     assert api.get(f"{path}/walks/{walk_id}").status_code == 404
+
+
+def test_a_level_shows_where_it_was_walked(api: Api) -> None:
+    path = survey_path(api)
+    level_id = api.ok("GET", path)["level_id"]
+    bodies = [plain(walk_body(f"walk {n}", seed=n)) for n in range(3)]
+    walks = [api.ok("POST", f"{path}/walks", json=body)["id"] for body in bodies]
+    tracks = f"/v1/levels/{level_id}/waypoints"
+    first = api.ok("GET", f"{tracks}?limit=2", key=Scope.SURVEY)
+    rest = api.ok("GET", f"{tracks}?limit=2&cursor={first['next_cursor']}")
+    items = first["items"] + rest["items"]
+    assert rest["next_cursor"] is None
+    assert [(one["walk_id"], one["name"]) for one in items] == [(walk, f"walk {n}") for n, walk in enumerate(walks)]
+    for body, one in zip(bodies, items, strict=True):
+        assert (one["x"], one["y"]) == (body["waypoints"]["x"], body["waypoints"]["y"])
+        assert one["t_ms"] == [round(t) for t in body["waypoints"]["t_ms"]]
+    assert api.ok("GET", f"/v1/levels/{api.level().id}/waypoints")["items"] == []
+    assert api.get("/v1/levels/lvl_none/waypoints").status_code == 404

@@ -20,7 +20,7 @@ from app.services.accounts import AccountService
 from app.services.clock import utc_now
 from app.services.records import Scope
 from app.settings import Settings
-from app.storage.database import Database
+from tests.support.builders import database_at
 
 SAMPLE = Path("maps/samples/ilc20/site1-F2")
 START_TIMEOUT_S = 120.0
@@ -54,8 +54,7 @@ def settings(tmp_path_factory: pytest.TempPathFactory) -> Settings:
 
 @pytest.fixture(scope="session")
 def service(settings: Settings) -> Iterator[Service]:
-    database = Database.at(settings.database_path)
-    database.migrate()
+    database = database_at(settings.database_path)
     _, key = AccountService(uow=database, clock=utc_now).create_key("tests", {Scope.ADMIN})
     database.close()
     config = uvicorn.Config(create_app(settings), port=0, log_config=None, lifespan="on")

@@ -6,6 +6,7 @@ import asyncio
 import json
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
+from datetime import UTC, datetime
 from pathlib import Path
 
 import httpx
@@ -98,6 +99,9 @@ def test_the_same_walk_is_the_same_walk_however_it_is_sent(
         assert first.length_m == pytest.approx(walk.path_length_m, rel=1e-3)
         assert client.walk(survey.id, first.id) == first
         assert client.survey(survey.id).n_walks == 1
+        track = next(one for one in client.waypoints(survey.level_id) if one.walk_id == first.id)
+        assert track.x == pytest.approx(walk.waypoints.x, abs=1e-3)
+        assert track.t_ms == pytest.approx(1e3 * walk.waypoints.t, abs=1.0)
         client.delete_walk(survey.id, first.id)
         assert list(client.walks(survey.id)) == []
 
@@ -338,11 +342,42 @@ def test_jobs_methods_keys_stats(service: Service, surveyed: Surveyed) -> None:
         assert client.key(key.id).scopes == {isodyn.Scope.LOCATE}
         with isodyn.Client(service.url, key.secret) as weak, pytest.raises(isodyn.ForbiddenError):
             weak.create_survey(surveyed.level_id, "not allowed")
+        assert client.current_key().scopes == {isodyn.Scope.ADMIN}
         client.revoke_key(key.id)
         with isodyn.Client(service.url, key.secret) as revoked, pytest.raises(isodyn.UnauthorizedError):
             list(revoked.venues())
         assert client.stats().maps >= 1
         client.ready()
+
+
+def test_statistics_and_ground_truth(service: Service, surveyed: Surveyed, walk: RecordedWalk) -> None:
+    with service.client() as client:
+        with client.open_session(surveyed.level_id, prior=start_of(walk)) as session:
+            list(session.send_all(samples_of(walk.samples), wait=20))
+        fixes = client.positions(session.id)
+        t_ms, x, y = (np.asarray(getattr(fixes, name))[::20] for name in ("t_ms", "x", "y"))
+        made = client.add_ground_truth(session.id, t_ms, x + 0.5, y, sd_m=np.full(len(x), 0.2))
+        told = list(client.ground_truth(session.id))
+        assert tuple(told) == made.items
+        assert [point.fix.error_m for point in told if point.fix] == pytest.approx([0.5] * len(t_ms))
+        span = {"since": min_time(t_ms), "until": datetime.now(UTC)}
+        by_level = client.stats_table("accuracy", **span, level_id=surveyed.level_id, by=["level"])
+        assert by_level.items[0]["fixes"] == "all"
+        assert by_level.items[0]["n"] >= len(t_ms)
+        rows = client.stats_csv("throughput", bucket="minute").decode().splitlines()
+        assert rows[0].startswith("since,segments,")
+        assert sum(row["segments"] for row in client.stats_table("throughput", bucket="hour").items) > 0
+        assert surveyed.level_id in {level.level_id for level in client.level_stats()}
+        assert {"backlog", "storage", "errors", "latency", "fixes"} == {
+            name for name in ("backlog", "storage", "errors", "latency", "fixes") if client.stats_table(name)
+        }
+        assert isinstance(client.alarms().items, tuple)
+        client.forget_ground_truth(session.id)
+        assert list(client.ground_truth(session.id)) == []
+
+
+def min_time(t_ms: np.ndarray) -> datetime:
+    return datetime.fromtimestamp(float(t_ms[0]) / 1000 - 1, UTC)
 
 
 def test_a_level_without_a_map(service: Service) -> None:
@@ -367,7 +402,8 @@ def test_every_call_of_the_api_has_a_method(service: Service) -> None:
     """A call added to the service is a call to add here."""
     paths = httpx.get(f"{service.url}/openapi.json", trust_env=False).json()["paths"]
     served = {(verb.upper(), path) for path, verbs in paths.items() for verb in verbs if path.startswith("/v1/")}
-    source = Path(endpoints.__file__).read_text()
+    source = "".join(file.read_text() for file in Path(endpoints.__file__).parent.rglob("*.py"))
+    source = "".join(path.read_text() for path in Path(endpoints.__file__).parent.glob("*.py"))
     for verb, path in sorted(served):
         pattern = path.split("{")[0]
         assert pattern.rstrip("/") in source, f"{verb} {path}"

@@ -257,3 +257,26 @@ def test_a_refusal_names_field_and_remedy(service: Service) -> None:
     assert result.exit_code == 1
     assert "extent" in result.output
     assert "x_min < x_max" in result.output
+
+
+def test_ground_truth_from_a_file(service: Service, surveyed: Surveyed, tmp_path: Path) -> None:
+    with service.client() as client:
+        session = client.create_session(surveyed.level_id)
+    file = tmp_path / "marks.csv"
+    file.write_text("x,t_ms,y,sd_m\n1.5,1790000000000,2,\n3,1790000001000,4,0.3\n")
+    shown = service.isodyn("session", "truth", session.id, file)
+    assert shown.output.count("not yet") == 2
+    with service.client() as client:
+        assert [(point.x, point.sd_m) for point in client.ground_truth(session.id)] == [(1.5, 0.0), (3.0, 0.3)]
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [("a,b\n1,2\n", "no column t_ms, x, y"), ("t_ms,x,y\n", "holds no points"), ("t_ms,x,y\n1,2,up\n", "line 2")],
+)
+def test_a_file_of_ground_truth_that_is_none(service: Service, tmp_path: Path, text: str, said: str) -> None:
+    file = tmp_path / "marks.csv"
+    file.write_text(text)
+    shown = run("session", "truth", "ses_0", file, ISODYN_URL=service.url, ISODYN_KEY=service.key)
+    assert shown.exit_code == 1
+    assert said in shown.output

@@ -30,6 +30,7 @@ PAGES = [
         "docs/surveying.md",
         "docs/maps.md",
         "docs/exchange.md",
+        "docs/geofences.md",
         "docs/outputs.md",
         "docs/vehicles.md",
         "clients/python/README.md",

@@ -29,7 +29,7 @@ ALL = dict(commands(typer.main.get_command(app)))
 
 
 def test_the_commands_of_the_design_are_there() -> None:
-    named = "serve demo survey map contributions locate replay stream session bridge evaluate bench keys db"
+    named = "serve demo survey map contributions locate replay stream session geofence webhook bridge evaluate bench keys db"
     assert {path[0] for path in ALL} == set(named.split())
 
 

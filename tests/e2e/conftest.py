@@ -27,7 +27,6 @@ class Prepared:
 
     data_dir: Path
     key: str
-    environment: dict[str, str]
     level_id: str
     bodies: dict[str, list[dict[str, Any]]]
     """Segments by session."""
@@ -40,14 +39,8 @@ class Prepared:
 
 
 @pytest.fixture(scope="session")
-def environment(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
-    """Kernels are compiled once for all services of this run."""
-    return {"NUMBA_CACHE_DIR": str(tmp_path_factory.mktemp("kernels"))}
-
-
-@pytest.fixture(scope="session")
-def prepared(tmp_path_factory: pytest.TempPathFactory, environment: dict[str, str]) -> Prepared:
-    service = Service(tmp_path_factory.mktemp("prepared") / "data", environment=environment)
+def prepared(tmp_path_factory: pytest.TempPathFactory) -> Prepared:
+    service = Service(tmp_path_factory.mktemp("prepared") / "data")
     try:
         service.start()
         level_id = upload_survey(service)
@@ -57,7 +50,7 @@ def prepared(tmp_path_factory: pytest.TempPathFactory, environment: dict[str, st
         service.terminate()
     finally:
         service.clean_up()
-    return Prepared(service.data_dir, service.key, environment, level_id, bodies, service.shown, service.log)
+    return Prepared(service.data_dir, service.key, level_id, bodies, service.shown, service.log)
 
 
 @pytest.fixture
@@ -68,7 +61,7 @@ def make_service(tmp_path: Path, prepared: Prepared) -> Iterator[MakeService]:
     def make(**environment: str) -> Service:
         data_dir = tmp_path / f"data{len(made)}"
         shutil.copytree(prepared.data_dir, data_dir)
-        service = Service(data_dir, prepared.key, {**prepared.environment, **environment})
+        service = Service(data_dir, prepared.key, environment)
         made.append(service)
         return service
 
@@ -82,7 +75,7 @@ def undisturbed(prepared: Prepared, tmp_path_factory: pytest.TempPathFactory) ->
     """What the service answers, by session and seq, when nothing goes wrong."""
     data_dir = tmp_path_factory.mktemp("undisturbed") / "data"
     shutil.copytree(prepared.data_dir, data_dir)
-    service = Service(data_dir, prepared.key, prepared.environment)
+    service = Service(data_dir, prepared.key)
     try:
         service.start()
         return {

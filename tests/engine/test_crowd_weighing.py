@@ -199,6 +199,7 @@ def test_weighing_does_not_touch_its_input() -> None:
     np.testing.assert_array_equal(again.evidence.weight, first.evidence.weight)
 
 
+@pytest.mark.timing
 def test_a_walk_is_weighed_in_milliseconds() -> None:
     level = Level.random(39)
     evidence = joined(level.survey(), level.traffic(40))

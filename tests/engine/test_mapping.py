@@ -295,6 +295,7 @@ def test_one_walk_counts_less_than_several() -> None:
     assert one[0, 0] > 1.3 * many[0, 0]
 
 
+@pytest.mark.timing
 def test_a_large_map_is_quick() -> None:
     """20,000 samples onto 400 x 400 nodes with standard deviation, one core (best of three).
 

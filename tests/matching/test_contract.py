@@ -158,6 +158,7 @@ def test_what_is_missing_is_named(entry: MatcherEntry) -> None:
     assert caught.value.field in missing
 
 
+@pytest.mark.timing
 def test_a_deadline_is_kept(entry: MatcherEntry) -> None:
     problem = problem_for(entry).problem
     wide = replace(problem, region=replace(problem.region, cov=np.eye(2) * 100.0))  # type: ignore[type-var]

@@ -234,6 +234,7 @@ def test_it_is_deterministic_pickles_and_leaves_its_input_alone() -> None:
     assert pickle.dumps(truth.problem) == before
 
 
+@pytest.mark.timing
 @pytest.mark.parametrize("criterion", [Criterion.MAD, Criterion.HAUSDORFF])
 def test_the_deadline_is_kept_and_said(criterion: Criterion) -> None:
     problem = replace(a_walk(14, region_sd=10.0).problem, deadline_s=0.02)

@@ -15,6 +15,7 @@ from typing import TypeVar
 
 import numpy as np
 
+from app.api.checks import Checks
 from app.engine.types import (
     DeviceCalibration,
     Evidence,
@@ -56,6 +57,7 @@ from app.services.records import (
 )
 from app.services.tasks import BuildResult, LocateResult, LocateSpec, ReplayResult, ReplaySpec, SmoothResult, SmoothSpec
 from app.storage import Database, FileMapCache
+from app.workers.live import SessionHub
 
 Spec = TypeVar("Spec")
 Result = TypeVar("Result")
@@ -349,13 +351,21 @@ def check_known_method(method: str, parameters: Mapping[str, object]) -> None:
 
 
 @cache
-def _empty_database() -> bytes:
+def empty_database() -> bytes:
     """A migrated database file: migrating anew takes longer than most tests."""
     with tempfile.TemporaryDirectory() as folder:
         database = Database.at(Path(folder) / "empty.db")
         database.migrate()
         database.close()  # the last connection to leave moves the log into the file
         return (Path(folder) / "empty.db").read_bytes()
+
+
+def database_at(path: Path) -> Database:
+    """Open a database file, migrated if it is new."""
+    if not path.exists():
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(empty_database())
+    return Database.at(path)
 
 
 @dataclass
@@ -372,9 +382,7 @@ class World:
     def at(cls, folder: Path, *, max_queued: int = 1000) -> World:
         """Open (or create) the world in a folder; opening it again is what a restart does."""
         path = folder / "isodyn.db"
-        if not path.exists():
-            path.write_bytes(_empty_database())
-        database = Database.at(path)
+        database = database_at(path)
         map_cache = FileMapCache(folder / "maps")
         clock, listener = SteppingClock(), RecordingListener()
         services = build_services(
@@ -383,6 +391,8 @@ class World:
             executor=CallingExecutor(),
             cache=map_cache,
             listener=listener,
+            watchers=SessionHub(),
+            checks=Checks(),
             locate_task=answer_locate,
             smooth_task=answer_smooth,
             replay_task=answer_replay,

@@ -5,8 +5,8 @@ from __future__ import annotations
 from fastapi import Request, Response
 
 from app.api import errors
-from app.api.auth import needs
-from app.api.deps import ContextDep, ServicesDep
+from app.api.auth import any_key, needs
+from app.api.deps import ContextDep, KeyDep, ServicesDep
 from app.api.pagination import PagingDep, link_next
 from app.api.responses import OBJECT, guarded
 from app.api.routing import api_router
@@ -37,6 +37,12 @@ def list_keys(services: ServicesDep, paging: PagingDep, request: Request, respon
     page = services.accounts.list(paging.cursor, paging.limit)
     link_next(request, response, page.next_cursor)
     return KeyPage(items=[KeyOut.of(key) for key in page.items], next_cursor=page.next_cursor)
+
+
+@router.get("/v1/keys/current", summary="Read the key of the call", dependencies=[any_key()], responses=guarded())
+def current_key(key: KeyDep) -> KeyOut:
+    """The key that this call was made with, without its secret: what may a client do with the key it was given?"""
+    return KeyOut.of(key)
 
 
 @router.get(

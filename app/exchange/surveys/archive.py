@@ -138,12 +138,28 @@ def read_survey(path: Path) -> Iterator[tuple[str, SurveyWalk]]:
         yield from _walks_of(_Folder(path))
         return
     try:
-        with zipfile.ZipFile(path) as archive:
+        file = path.open("rb")
+    except OSError as error:
+        raise InputError(str(path), f"cannot be opened ({error.strerror}); name another file") from error
+    with file:
+        yield from read_archive(file, str(path))
+
+
+def read_archive(source: IO[bytes], file: str = "file") -> Iterator[tuple[str, SurveyWalk]]:
+    """Walks of an archive that is open already; ``file`` is its name in errors.
+
+    Raises
+    ------
+    InputError
+        As of :func:`read_survey`.
+    """
+    try:
+        with zipfile.ZipFile(source) as archive:
             yield from _walks_of(_Zip(archive))
     except DAMAGED_ZIP as error:
         if isinstance(error, InputError):
             raise
-        raise InputError(str(path), f"is no readable zip file ({str(error)[:80]}); export the survey again") from error
+        raise InputError(file, f"is no readable zip file ({str(error)[:80]}); export the survey again") from error
 
 
 class _Folder:

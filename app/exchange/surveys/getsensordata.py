@@ -2,7 +2,8 @@
 
 Fields are parted by semicolons, the first names the line: ``MAGN;app;sensor;x;y;z;accuracy`` (uT), ``ACCE`` (m/s^2,
 with gravity), ``GYRO`` (rad/s), ``WIFI;app;sensor;ssid;bssid;...;rss``, ``BLE4;app;...;mac;rssi;...``,
-``POSI;app;counter;latitude;longitude;floor;building``; other lines are passed over. Sensors tell two times: the
+``POSI;app;counter;latitude;longitude;floor;building``, ``PRES;app;sensor;mbar``, ``GNSS;app;sensor;latitude;longitude;
+altitude;bearing;accuracy``; other lines are passed over. Sensors tell two times: the
 sensor's own is even, but its origin is anybody's; the application's is common to all lines, but late by whatever the
 phone was busy with.
 """
@@ -12,7 +13,7 @@ from __future__ import annotations
 import re
 from array import array
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
 from typing import BinaryIO
@@ -66,11 +67,31 @@ class LogChoices:
         Whether Wi-Fi and BLE readings are taken along.
     start_s : float or None
         Unix seconds at which the log began; None: what its header says.
+    aids : bool
+        Whether pressure and satellite fixes are taken along.
     """
 
     floor: str | None = None
     radio: bool = False
     start_s: float | None = None
+    aids: bool = False
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SensorLog:
+    """What a log tells of a trip, positions aside.
+
+    Attributes
+    ----------
+    readings : mapping
+        ``mag``, ``acc``, ``gyro``, ``pressure`` (hPa), ``gnss`` (latitude, longitude, accuracy in m) to times
+        (n,) UTC s, rising, and values (n, k).
+    wifi, ble : RadioScans or None
+    """
+
+    readings: Mapping[str, tuple[Float64Array, Float64Array]]
+    wifi: RadioScans | None = None
+    ble: RadioScans | None = None
 
 
 @dataclass
@@ -89,6 +110,7 @@ class _Log:
     sensors: dict[str, _Events] = field(default_factory=lambda: {name: _Events() for name in _SENSORS})
     positions: list[tuple[float, float, float, float, str]] = field(default_factory=list)
     radio: dict[str, list[tuple[float, str, float]]] = field(default_factory=lambda: {"WIFI": [], "BLE4": []})
+    aids: dict[str, list[tuple[float, ...]]] = field(default_factory=lambda: {"PRES": [], "GNSS": []})
     created: float | None = None
     zone: str = ""
     others: Counter[str] = field(default_factory=Counter)
@@ -120,8 +142,8 @@ def read_getsensordata(
         No such log, no positions, no anchor; names the line and the remedy.
     """
     log = _read(source, choices)
-    enough(log.bad, log.kept + log.bad, log.first_bad, findings)
     _account(log, findings)
+    _account_positions(log, findings)
     samples = _one_time_base(log, findings)
     start = _start(log, choices, findings)
     waypoints, floors = _waypoints(log, plane)
@@ -136,6 +158,27 @@ def read_getsensordata(
     yield from walks_of(recording, choices.floor, findings)
 
 
+def read_sensor_log(source: BinaryIO, choices: LogChoices, findings: Findings) -> SensorLog:
+    """A log as a trip to be located: no positions are needed.
+
+    Raises
+    ------
+    InputError
+        No such log; names the line and the remedy.
+    """
+    log = _read(source, choices)
+    _account(log, findings)
+    start = _start(log, choices, findings)
+    readings = {name: (t + start, values) for name, (t, values) in _each_sensor(log, findings).items()}
+    for kind, name in (("PRES", "pressure"), ("GNSS", "gnss")):
+        if rows := sorted(set(log.aids[kind])):
+            table = np.array(rows, np.float64)
+            fresh = rising(table[:, 0])
+            readings[name] = (table[fresh, 0] + start, table[fresh, 1:])
+    wifi, ble = (_scans(log.radio[kind], start) if choices.radio else None for kind in ("WIFI", "BLE4"))
+    return SensorLog(readings, wifi, ble)
+
+
 def _read(source: BinaryIO, choices: LogChoices) -> _Log:
     log = _Log()
     for number, line in lines_of(source, longest=MAX_LINE):
@@ -146,7 +189,7 @@ def _read(source: BinaryIO, choices: LogChoices) -> _Log:
             if log.kept >= MAX_EVENTS:
                 raise InputError(f"line {number}", f"is beyond {MAX_EVENTS} readings; split the log")
             try:
-                _line(log, text.split(";"), radio=choices.radio)
+                _line(log, text.split(";"), choices)
             except (ValueError, IndexError):
                 log.bad += 1
                 log.first_bad = log.first_bad or f"line {number} ({text[:40]!r})"
@@ -170,7 +213,7 @@ def _header(log: _Log, text: str) -> None:
     log.created = (local - timedelta(hours=_ZONES_H.get(zone.lower(), 0))).timestamp()
 
 
-def _line(log: _Log, parts: list[str], *, radio: bool) -> None:
+def _line(log: _Log, parts: list[str], choices: LogChoices) -> None:
     """Keep what a line holds; ValueError or IndexError if it cannot be read."""
     kind = parts[0].strip().upper()
     if kind in _SENSORS:
@@ -181,7 +224,10 @@ def _line(log: _Log, parts: list[str], *, radio: bool) -> None:
         events.values.extend((x, y, z))
     elif kind == "POSI":
         _position(log, parts)
-    elif kind in log.radio and radio and (reading := _reading(kind, parts)) is not None:
+    elif kind in log.aids and choices.aids:
+        places = (1, 3) if kind == "PRES" else (1, 3, 4, 7)
+        log.aids[kind].append(tuple(_finite(parts[place]) for place in places))
+    elif kind in log.radio and choices.radio and (reading := _reading(kind, parts)) is not None:
         log.radio[kind].append(reading)
     elif re.fullmatch(r"[A-Z][A-Z0-9]{2,5}", kind):
         log.others[kind] += 1
@@ -222,20 +268,24 @@ def _reading(kind: str, parts: list[str]) -> tuple[float, str, float] | None:
 
 
 def _account(log: _Log, findings: Findings) -> None:
+    enough(log.bad, log.kept + log.bad, log.first_bad, findings)
     missing = [name for name, events in log.sensors.items() if len(events.app) < 2]
     if missing:
         raise InputError("file", f"has no {', '.join(missing)} lines; send a log of GetSensorData with these sensors")
+    if log.others:
+        kinds = ", ".join(f"{count} {kind}" for kind, count in sorted(log.others.items()))
+        findings.skipped.append(f"lines that are not needed: {kinds}")
+
+
+def _account_positions(log: _Log, findings: Findings) -> None:
     if log.unplaced:
         findings.skipped.append(f"{log.unplaced} POSI lines without a place (0, 0)")
     if not log.positions:
         raise InputError("file", "has no POSI line with a place; a survey needs positions, two a walk at least")
-    if log.others:
-        kinds = ", ".join(f"{count} {kind}" for kind, count in sorted(log.others.items()))
-        findings.skipped.append(f"lines that a survey does not need: {kinds}")
 
 
-def _one_time_base(log: _Log, findings: Findings) -> ImuSamples:
-    """All sensors at the times of the magnetometer, in application time."""
+def _each_sensor(log: _Log, findings: Findings) -> dict[str, tuple[Float64Array, Float64Array]]:
+    """Times, in application time and rising, and values of each sensor."""
     readings = {}
     for kind, name in _SENSORS.items():
         events = log.sensors[kind]
@@ -244,6 +294,12 @@ def _one_time_base(log: _Log, findings: Findings) -> ImuSamples:
         order = np.argsort(t, kind="stable")
         keep = order[rising(t[order])]
         readings[name] = (t[keep], values[keep])
+    return readings
+
+
+def _one_time_base(log: _Log, findings: Findings) -> ImuSamples:
+    """All sensors at the times of the magnetometer, in application time."""
+    readings = _each_sensor(log, findings)
     t, mag = readings["mag"]
     inside = _covered(t, readings["acc"][0]) & _covered(t, readings["gyro"][0])
     if not inside.all():

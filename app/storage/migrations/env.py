@@ -5,6 +5,7 @@ from typing import Any, Literal
 from alembic import context
 from alembic.autogenerate.api import AutogenContext
 
+from app.storage import geofence_models  # noqa: F401 - its tables
 from app.storage.models import UtcDateTime, metadata
 
 

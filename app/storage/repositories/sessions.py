@@ -5,7 +5,7 @@ The statements that each segment needs are built once: composing them costs more
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, astuple
 from datetime import datetime
 from functools import partial
@@ -19,6 +19,7 @@ from app.services.aids import Recording
 from app.services.errors import SequenceGapError
 from app.services.records import (
     JobState,
+    LastKnown,
     LevelMap,
     NewSegment,
     Page,
@@ -84,6 +85,14 @@ _LAST_NUMBERS = (
     select(sessions.c.status, _last_number(fixes).label("number"), _last_number(lagged_fixes).label("lagged_number"))
     .where(sessions.c.id == _ID)
     .with_for_update(of=sessions)
+)
+_FIX_COLUMNS = [column.label(f"fix_{column.name}") for column in fixes.c]
+_TOLD = fixes.alias("told")
+_LAST_TOLD = (
+    select(func.max(_TOLD.c.number)).where(_TOLD.c.session_id == sessions.c.id).correlate(sessions).scalar_subquery()
+)
+_LAST_KNOWN = select(sessions, *_FIX_COLUMNS).select_from(
+    sessions.outerjoin(fixes, (fixes.c.session_id == sessions.c.id) & (fixes.c.number == _LAST_TOLD))
 )
 _INSERT_FIXES = insert(fixes)
 _INSERT_LAGGED = insert(lagged_fixes)
@@ -285,14 +294,35 @@ class SqlSessionRepository(Repository):
         if cursor is not None:
             statement = statement.where(table.c.number > int(cursor))
         rows = self._read(statement.order_by(table.c.number).limit(limit + 1)).all()
-        return page(rows, partial(_position, kind=kind), lambda row: str(row.number), limit=limit)
+        return page(rows, partial(position_of, kind=kind), lambda row: str(row.number), limit=limit)
+
+    def last_known(
+        self,
+        *,
+        venue_id: str | None,
+        level_id: str | None,
+        limit: int,
+        only: Sequence[str] | None = None,
+    ) -> Sequence[LastKnown]:
+        """Sessions with their last fixes, newest first: the open ones, or ``only`` these whether open or not."""
+        statement = _LAST_KNOWN
+        if only is None:
+            statement = statement.where(sessions.c.status == SessionStatus.OPEN.value)
+        else:
+            statement = statement.where(sessions.c.id.in_(only))
+        if venue_id is not None:
+            statement = statement.where(sessions.c.venue_id == venue_id)
+        if level_id is not None:
+            statement = statement.where(func.coalesce(fixes.c.level_id, sessions.c.level_id) == level_id)
+        rows = self._read(statement.order_by(sessions.c.id.desc()).limit(limit)).all()
+        return tuple(_last_known(row) for row in rows)
 
     def _told_with(self, segment: Row[Any], kind: FixKind) -> tuple[Fix, ...]:
         first, end = _range(segment, kind)
         if first == end:
             return ()
         rows = self._read(_FIXES_OF[kind], {"session": segment.session_id, "first": first, "end": end})
-        return tuple(_position(row, kind).fix for row in rows)
+        return tuple(position_of(row, kind).fix for row in rows)
 
     def _set_state(self, session_id: str, state: TrackerState, calibration: DeviceCalibration | None) -> None:
         values: dict[str, Any] = {"method": state.method, "payload": state.payload, "last_t": state.last_t}
@@ -372,24 +402,36 @@ def _range(segment: Row[Any], kind: FixKind) -> tuple[int, int]:
     return (0, 0) if first is None else (first, first + n)
 
 
-def _position(row: Row[Any], kind: FixKind) -> Position:
+def _last_known(row: Row[Any]) -> LastKnown:
+    values = {column.name: row._mapping[f"fix_{column.name}"] for column in fixes.c}
+    position = None if values["number"] is None else _position_of(values, FixKind.FILTERED)
+    return LastKnown(_session(row), position)
+
+
+def position_of(row: Row[Any], kind: FixKind) -> Position:
+    """A fix of this kind from its row."""
+    return _position_of(row._asdict(), kind)
+
+
+def _position_of(values: Mapping[str, Any], kind: FixKind) -> Position:
+    level_id = values["level_id"]
     fix = Fix(
-        t=row._mapping["t"],  # row.t is SQLAlchemy's own
-        level_id=row.level_id,
-        x=row.x,
-        y=row.y,
-        cov_xx=row.cov_xx,
-        cov_xy=row.cov_xy,
-        cov_yy=row.cov_yy,
-        heading=row.heading,
-        status=Status(row.status),
-        quality=row.quality,
-        sure=row.sure,
-        walk_on_m=row.walk_on_m,
-        hypotheses=tuple(_hypothesis(row.level_id, values) for values in row.hypotheses or ()),
+        t=values["t"],
+        level_id=level_id,
+        x=values["x"],
+        y=values["y"],
+        cov_xx=values["cov_xx"],
+        cov_xy=values["cov_xy"],
+        cov_yy=values["cov_yy"],
+        heading=values["heading"],
+        status=Status(values["status"]),
+        quality=values["quality"],
+        sure=values["sure"],
+        walk_on_m=values["walk_on_m"],
+        hypotheses=tuple(_hypothesis(level_id, one) for one in values["hypotheses"] or ()),
         kind=kind,
     )
-    return Position(row.session_id, row.number, row.seq, fix)
+    return Position(values["session_id"], values["number"], values["seq"], fix)
 
 
 def _hypothesis(level_id: str, values: Sequence[Any]) -> Hypothesis:

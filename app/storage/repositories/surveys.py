@@ -10,6 +10,7 @@ from sqlalchemy import Row, Select, delete, func, insert, select, update
 
 from app.engine.types import SurveyWalk
 from app.services.records import Carrier, NewWalk, Page, Survey, Walk
+from app.services.walk_tracks import WalkTrack
 from app.storage.columns import (
     decode_samples,
     decode_scans,
@@ -97,6 +98,18 @@ class SqlSurveyRepository(Repository):
         rows = self._read(statement.order_by(walks.c.id).limit(limit + 1)).all()
         return page(rows, _walk, lambda row: str(row.id), limit=limit)
 
+    def list_tracks(
+        self, level_id: str, survey_ids: Sequence[str], *, cursor: str | None, limit: int
+    ) -> Page[WalkTrack]:
+        """Where the level's walks (of these surveys only, when any are named) went, oldest first."""
+        statement = _of_level(select(walks, walk_samples.c.waypoints), level_id, survey_ids).join(
+            walk_samples, walk_samples.c.walk_id == walks.c.id
+        )
+        if cursor is not None:
+            statement = statement.where(walks.c.id > cursor)
+        rows = self._read(statement.order_by(walks.c.id).limit(limit + 1)).all()
+        return page(rows, _track, lambda row: str(row.id), limit=limit)
+
     def delete_walk(self, walk_id: str) -> None:
         """Delete a walk with its samples."""
         self._write(delete(walk_samples).where(walk_samples.c.walk_id == walk_id))
@@ -160,6 +173,10 @@ def _of_level(statement: Select[Any], level_id: str, survey_ids: Sequence[str]) 
 
 def _survey(row: Row[Any]) -> Survey:
     return Survey(row.id, row.level_id, row.name, n_walks=row.n_walks, created_at=row.created_at)
+
+
+def _track(row: Row[Any]) -> WalkTrack:
+    return WalkTrack(_walk(row), decode_waypoints(row.waypoints))
 
 
 def _walk(row: Row[Any]) -> Walk:

@@ -48,6 +48,7 @@ from isodyn_client.errors import (
     UnexpectedAnswerError,
 )
 from isodyn_client.fixes import Coverage, FieldRaster, Fixes
+from isodyn_client.geofences import Geofence, GeofenceEvent, GeofenceEventKind
 from isodyn_client.models import (
     Anchor,
     ApiKey,
@@ -89,16 +90,29 @@ from isodyn_client.models import (
     VenueKind,
     Walk,
     WalkReport,
+    WalkTrack,
 )
+from isodyn_client.operations import Alarm, LevelStats, StatsTable, Told, TruthPoint
 from isodyn_client.planning import MapQuality, RouteForecast, Stretch, Suggestion, Suggestions
 from isodyn_client.results import FixComparison, LocateResult, PositionPage, Replay, SegmentInfo, SegmentResult
 from isodyn_client.retry import RetryPolicy
 from isodyn_client.samples import Samples, Waypoints
 from isodyn_client.spool import Spool
+from isodyn_client.survey_files import ImportedWalk, SurveyImport
 from isodyn_client.uploader import Uploader
+from isodyn_client.webhooks import (
+    Delivery,
+    DeliveryState,
+    InvalidSignatureError,
+    NewWebhook,
+    Webhook,
+    WebhookMessage,
+    verify_webhook,
+)
 
 __all__ = [
     "Aids",
+    "Alarm",
     "Anchor",
     "ApiKey",
     "AsyncClient",
@@ -112,6 +126,8 @@ __all__ = [
     "ConnectionFailedError",
     "Contribution",
     "Coverage",
+    "Delivery",
+    "DeliveryState",
     "Device",
     "DeviceCalibration",
     "DeviceModel",
@@ -125,9 +141,14 @@ __all__ = [
     "FixKind",
     "Fixes",
     "ForbiddenError",
+    "Geofence",
+    "GeofenceEvent",
+    "GeofenceEventKind",
     "GnssFixes",
     "Hypothesis",
+    "ImportedWalk",
     "InvalidRequestError",
+    "InvalidSignatureError",
     "IsodynError",
     "Job",
     "JobFailedError",
@@ -135,6 +156,7 @@ __all__ = [
     "LastingChange",
     "Level",
     "LevelMap",
+    "LevelStats",
     "LocateResult",
     "MapDiff",
     "MapInfo",
@@ -145,6 +167,7 @@ __all__ = [
     "MethodParameter",
     "ModelEstimate",
     "NewApiKey",
+    "NewWebhook",
     "NoAnchorError",
     "NoMapError",
     "NotFoundError",
@@ -175,6 +198,7 @@ __all__ = [
     "SpeedReadings",
     "Spool",
     "Stats",
+    "StatsTable",
     "Status",
     "StepCounts",
     "StillWaitingError",
@@ -182,7 +206,10 @@ __all__ = [
     "Suggestion",
     "Suggestions",
     "Survey",
+    "SurveyImport",
+    "Told",
     "TooLargeError",
+    "TruthPoint",
     "UnauthorizedError",
     "UnexpectedAnswerError",
     "Uploader",
@@ -190,6 +217,10 @@ __all__ = [
     "VenueKind",
     "Walk",
     "WalkReport",
+    "WalkTrack",
     "Waypoints",
+    "Webhook",
+    "WebhookMessage",
     "WifiScans",
+    "verify_webhook",
 ]

@@ -10,7 +10,9 @@ from typing import Any, Concatenate, ParamSpec, Self, TypeVar
 
 import httpx
 
-from isodyn_client import endpoints, tracks
+from isodyn_client import endpoints, operations, survey_files, tracks
+from isodyn_client import geofences as geofence_calls
+from isodyn_client import webhooks as webhook_calls
 from isodyn_client.aids import Aids
 from isodyn_client.calls import Call, Listing
 from isodyn_client.connection import Connection
@@ -205,7 +207,9 @@ class AsyncClient:
     add_walk = _call(endpoints.add_walk)
     walk = _call(endpoints.walk)
     walks = _list(endpoints.walks)
+    waypoints = _list(endpoints.waypoints)
     delete_walk = _call(endpoints.delete_walk)
+    import_survey = _call(survey_files.import_survey)
 
     request_map = _call(endpoints.request_map)
     build_map = _flow(Flows.build_map)
@@ -253,6 +257,23 @@ class AsyncClient:
     replay = _call(endpoints.replay)
     locate = _call(endpoints.locate)
 
+    create_geofence = _call(geofence_calls.create_geofence)
+    geofence = _call(geofence_calls.geofence)
+    geofences = _list(geofence_calls.geofences)
+    update_geofence = _call(geofence_calls.update_geofence)
+    delete_geofence = _call(geofence_calls.delete_geofence)
+    geofence_events = _list(geofence_calls.geofence_events)
+    geofence_events_csv = _call(geofence_calls.geofence_events_csv)
+
+    create_webhook = _call(webhook_calls.create_webhook)
+    webhook = _call(webhook_calls.webhook)
+    webhooks = _list(webhook_calls.webhooks)
+    update_webhook = _call(webhook_calls.update_webhook)
+    delete_webhook = _call(webhook_calls.delete_webhook)
+    webhook_deliveries = _list(webhook_calls.webhook_deliveries)
+    test_webhook = _call(webhook_calls.test_webhook)
+    redeliver = _call(webhook_calls.redeliver)
+
     job = _call(endpoints.job)
     jobs = _list(endpoints.jobs)
     cancel_job = _call(endpoints.cancel_job)
@@ -264,9 +285,17 @@ class AsyncClient:
     create_key = _call(endpoints.create_key)
     key = _call(endpoints.key)
     keys = _list(endpoints.keys)
+    current_key = _call(endpoints.current_key)
     revoke_key = _call(endpoints.revoke_key)
 
     stats = _call(endpoints.stats)
+    stats_table = _call(operations.stats_table)
+    stats_csv = _call(operations.stats_csv)
+    level_stats = _list(operations.level_stats)
+    alarms = _call(operations.alarms)
+    add_ground_truth = _call(operations.add_ground_truth)
+    ground_truth = _list(operations.ground_truth)
+    forget_ground_truth = _call(operations.forget_ground_truth)
     ready = _call(endpoints.ready)
 
 

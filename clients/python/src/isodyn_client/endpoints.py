@@ -53,6 +53,7 @@ from isodyn_client.models import (
     Venue,
     VenueKind,
     Walk,
+    WalkTrack,
 )
 from isodyn_client.planning import MapQuality, RouteForecast, Suggestions
 from isodyn_client.results import LocateResult, PositionPage, Replay, SegmentInfo, SegmentResult, Trajectory
@@ -269,6 +270,11 @@ def walk(survey_id: str, walk_id: str) -> Call[Walk]:
 def walks(survey_id: str) -> Listing[Walk]:
     """The walks of a survey, oldest first."""
     return _list(f"/v1/surveys/{survey_id}/walks", Walk)
+
+
+def waypoints(level_id: str, *, survey_id: str | None = None) -> Listing[WalkTrack]:
+    """Where the survey walks of a level went, oldest first."""
+    return _list(f"/v1/levels/{level_id}/waypoints", WalkTrack, survey_id=survey_id)
 
 
 def delete_walk(survey_id: str, walk_id: str) -> Call[None]:
@@ -756,6 +762,11 @@ def keys() -> Listing[ApiKey]:
 def key(key_id: str) -> Call[ApiKey]:
     """One API key without its secret."""
     return _get(f"/v1/keys/{key_id}", ApiKey)
+
+
+def current_key() -> Call[ApiKey]:
+    """The API key that the call is made with: its name and scopes."""
+    return _get("/v1/keys/current", ApiKey)
 
 
 def revoke_key(key_id: str) -> Call[None]:

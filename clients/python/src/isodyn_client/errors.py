@@ -21,6 +21,7 @@
     │   ├── RateLimitedError         429: too many requests; ``retry_after_s`` says when to come back
     │   └── ServiceFailedError       500 and above: the service's own fault
     │       └── OverloadedError      too much work is queued; ``retry_after_s`` says when to come back
+    ├── InvalidSignatureError        a webhook's message is not to be believed (in ``isodyn_client.webhooks``)
     ├── BridgeError                  what a bridge was given cannot work: no anchor, no session of the device
     ├── JobFailedError               a job ended as failed or cancelled (``job`` has the reason)
     └── StillWaitingError            a job or segment was not finished in the time given; it goes on

@@ -226,6 +226,17 @@ class Walk(Model):
     created_at: datetime
 
 
+class WalkTrack(Model):
+    """The waypoints of a survey walk, as columns of one length; ``x`` and ``y`` in level metres."""
+
+    walk_id: str
+    survey_id: str
+    name: str
+    t_ms: tuple[int, ...]
+    x: tuple[float, ...]
+    y: tuple[float, ...]
+
+
 class WalkReport(Model):
     """What map building found out about one survey walk."""
 

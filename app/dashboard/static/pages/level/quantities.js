@@ -1,0 +1,74 @@
+// What of a map can be shown on the plan: where each raster comes from, its unit, its colours.
+
+import { TABLES, colourRange } from "../../heat.js";
+
+const CHANNELS = {
+  vector: ["total", "h", "v", "x", "y", "z"],
+  hv: ["total", "h", "v"],
+  total: ["total"],
+};
+const CHANNEL_WORDS = { total: "Total", h: "Horizontal", v: "Vertical", x: "x", y: "y", z: "z" };
+
+/** Components that a map can tell, with words. */
+export function channelsOf(map) {
+  return CHANNELS[map.features].map((name) => [name, CHANNEL_WORDS[name]]);
+}
+
+const field = (statistic) => (api, map, { channel }) => api.raster(`/v1/maps/${map.id}/field`, { channel, statistic });
+const quality = (layer) => (api, map) => api.raster(`/v1/maps/${map.id}/quality/raster`, { layer });
+
+/** By name: words, unit, whether it has components, how it is loaded, its colours and the range that they span. */
+export const QUANTITIES = {
+  mean: { words: "Field", unit: "µT", channels: true, load: field("mean"), range: (values) => colourRange(values) },
+  sd: { words: "Uncertainty of the field", unit: "µT", channels: true, load: field("sd"), colours: TABLES.grade, range: fromZero },
+  support: { words: "Distance to the nearest survey sample", unit: "m", load: field("support"), colours: TABLES.grade, range: () => ({ low: 0, high: 10 }) },
+  mean_error: { words: "Expected position error", unit: "m", load: quality("mean_error"), colours: TABLES.grade, range: fromZero },
+  worst_error: { words: "Expected error, worst heading", unit: "m", load: quality("worst_error"), colours: TABLES.grade, range: fromZero },
+  coverage: { words: "Coverage of the walkable space", unit: "", load: quality("coverage"), colours: [...TABLES.grade].reverse(), range: () => ({ low: 0, high: 1 }), value: (v) => (v > 0.5 ? "mapped" : "walkable, not mapped") },
+  conflict: { words: "Conflict between walks, variance over noise", unit: "", load: quality("conflict"), colours: TABLES.grade, range: fromZero },
+  sources: { words: "Number of walks", unit: "", load: quality("sources"), range: fromZero },
+};
+
+function fromZero(values) {
+  return { low: 0, high: colourRange(values).high };
+}
+
+/** The words of a quantity and its component. */
+export function wordsOf(name, channel) {
+  const { words, channels } = QUANTITIES[name];
+  return channels ? `${words}, ${CHANNEL_WORDS[channel].toLowerCase()}` : words;
+}
+
+/** Rasters of map versions: they never change, so each is asked for once. */
+export class Rasters {
+  #api;
+  #known = new Map();
+
+  constructor(api) {
+    this.#api = api;
+  }
+
+  /** {raster, low, high, colours, unit, words} of a quantity of a map. */
+  get(map, name, channel) {
+    const quantity = QUANTITIES[name];
+    const key = `${map.id} ${name} ${quantity.channels ? channel : ""}`;
+    if (!this.#known.has(key)) {
+      const loading = this.#load(quantity, map, name, channel);
+      this.#known.set(key, loading);
+      loading.catch(() => this.#known.delete(key));
+    }
+    return this.#known.get(key);
+  }
+
+  async #load(quantity, map, name, channel) {
+    const raster = await quantity.load(this.#api, map, { channel });
+    return {
+      raster,
+      ...quantity.range(raster.values),
+      colours: quantity.colours ?? TABLES.even,
+      unit: quantity.unit,
+      words: wordsOf(name, channel),
+      value: quantity.value,
+    };
+  }
+}
