@@ -49,9 +49,7 @@ class VenueService(Service):
 
     def create_level(self, venue_id: str, name: str, ordinal: int, extent: tuple[float, float, float, float]) -> Level:
         """Create a level; ``extent`` is ``(x_min, y_min, x_max, y_max)`` in metres."""
-        x_min, y_min, x_max, y_max = extent
-        if not all(map(math.isfinite, extent)) or x_min >= x_max or y_min >= y_max:
-            raise InvalidError("extent", "is empty or not finite", "give x_min < x_max and y_min < y_max in metres")
+        _check_extent(extent)
         now = self._clock()
         level = Level(
             id=new_id("lvl", now),
@@ -69,6 +67,12 @@ class VenueService(Service):
             uow.venues.get(venue_id)
             uow.levels.add(level)
         return level
+
+    def update_level(self, level_id: str, name: str, ordinal: int, extent: tuple[float, float, float, float]) -> Level:
+        """Set name, storey and extent (metres). Maps and walks stay as they are; a plan image covers the new extent."""
+        _check_extent(extent)
+        with self._uow(write=True) as uow:
+            return uow.levels.update(level_id, name=name, ordinal=ordinal, extent=extent, now=self._clock())
 
     def get_level(self, level_id: str) -> Level:
         """One level."""
@@ -110,6 +114,12 @@ class VenueService(Service):
         if geojson is None:
             raise NotFoundError("vector plan of level", level_id)
         return geojson
+
+
+def _check_extent(extent: tuple[float, float, float, float]) -> None:
+    x_min, y_min, x_max, y_max = extent
+    if not all(map(math.isfinite, extent)) or x_min >= x_max or y_min >= y_max:
+        raise InvalidError("extent", "is empty or not finite", "give x_min < x_max and y_min < y_max in metres")
 
 
 def _check_plan(geojson: bytes) -> None:

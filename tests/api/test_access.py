@@ -47,6 +47,7 @@ TABLE = {
     "POST /v1/venues/{venue_id}/levels": SURVEY,
     "GET /v1/levels": ANY,
     "GET /v1/levels/{level_id}": ANY,
+    "PATCH /v1/levels/{level_id}": SURVEY,
     "PUT /v1/levels/{level_id}/plan.png": SURVEY,
     "GET /v1/levels/{level_id}/plan.png": ANY,
     "PUT /v1/levels/{level_id}/plan.geojson": SURVEY,

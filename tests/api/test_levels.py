@@ -125,3 +125,40 @@ def test_plans_of_another_type_are_refused(api: Api) -> None:
     response = api.call("PUT", path, content=png(), headers={"Content-Type": "image/jpeg"})
     assert response.status_code == 415
     assert response.headers["Accept"] == "image/png"
+
+
+def test_a_level_is_changed(api: Api) -> None:
+    venue_id = api.ok("POST", "/v1/venues", json={"name": "Mall", "anchor": {"latitude_deg": 48, "longitude_deg": 11}})[
+        "id"
+    ]
+    level = api.ok("POST", f"/v1/venues/{venue_id}/levels", json={"name": "F2", "extent": EXTENT})
+    path = f"/v1/levels/{level['id']}"
+    renamed = api.ok("PATCH", path, key=Scope.SURVEY, json={"name": "Mezzanine", "ordinal": 2})
+    assert renamed == {**level, "name": "Mezzanine", "ordinal": 2, "updated_at": renamed["updated_at"]}
+    assert api.ok("GET", path) == renamed
+    assert [one["id"] for one in api.ok("GET", "/v1/levels?q=mezz mall")["items"]] == [level["id"]]
+    assert api.ok("GET", "/v1/levels?q=F2")["items"] == []
+    # a kilometre to the north: not in the venue until the level reaches so far
+    beyond = "near=48.009,11&radius_m=10"
+    assert api.ok("GET", f"/v1/venues?{beyond}")["items"] == []
+    wide = {"x_min": -5, "y_min": 0, "x_max": 20, "y_max": 1100}
+    assert api.ok("PATCH", path, json={"extent": wide})["extent"] == wide
+    assert [one["id"] for one in api.ok("GET", f"/v1/levels?{beyond}")["items"]] == [level["id"]]
+    assert [one["id"] for one in api.ok("GET", f"/v1/venues?{beyond}")["items"]] == [venue_id]
+    assert api.ok("PATCH", path, json={"extent": EXTENT})["extent"] == level["extent"]
+    assert api.ok("GET", f"/v1/venues?{beyond}")["items"] == []
+
+
+def test_a_level_is_not_made_nonsense(api: Api) -> None:
+    path = f"/v1/levels/{api.level().id}"
+    before = api.ok("GET", path)
+    for body in (
+        {"name": ""},
+        {"ordinal": 1.5},
+        {"extent": {**EXTENT, "x_max": -100}},
+        {"extent": {"x_min": 0}},
+        {"x": 1},
+    ):
+        assert api.call("PATCH", path, json=body).status_code == 422, body
+    assert api.call("PATCH", "/v1/levels/lvl_none", json={"name": "x"}).status_code == 404
+    assert api.ok("GET", path) == before

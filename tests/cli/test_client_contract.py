@@ -49,6 +49,8 @@ def test_venues_and_levels(service: Service) -> None:
         level = client.create_level(venue.id, "F1", extent=isodyn.Extent(x_min=0, y_min=0, x_max=9, y_max=9))
         assert client.level(level.id) == level
         assert [one.id for one in client.levels(venue_id=venue.id)] == [level.id]
+        assert client.update_level(level.id, ordinal=3).ordinal == 3
+        assert client.update_level(level.id, ordinal=0, extent=(0, 0, 12, 9)).extent.x_max == 12.0
         near = {"near": (48.15, 11.57), "radius_m": 50.0}
         assert [(one.id, one.distance_m) for one in client.levels(**near, q="f1", ordinal=0)] == [(level.id, 0.0)]
         assert [one.id for one in client.venues(**near)] == [venue.id]

@@ -100,6 +100,7 @@ class Dashboard:
 
     def screenshots(self, name: str) -> None:
         """Pictures in light, in dark, and on a phone."""
+        self.page.evaluate("scrollTo(0, 0)")
         for scheme in ("light", "dark"):
             self.colours(scheme)  # type: ignore[arg-type]
             self.screenshot(f"{name}-{scheme}")

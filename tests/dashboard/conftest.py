@@ -38,7 +38,7 @@ WIDTH, HEIGHT = 1280, 800
 @pytest.fixture(scope="package")
 def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
     folder = tmp_path_factory.mktemp("dashboard")
-    service = Service(folder / "data", environment={"ISODYN_WORKERS": "1"})
+    service = Service(folder / "data", environment={"ISODYN_WORKERS": "1", "ISODYN_POOL": "threads"})
     try:
         service.start()
         yield service

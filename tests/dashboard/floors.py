@@ -12,7 +12,7 @@ from app.engine.types import MapBuildSettings
 from app.evaluation.datasets.ilc20 import Ilc20Level
 from tests.e2e.service import Service
 
-WALKS_EACH = 12
+WALKS_EACH = 8
 """Walks of each of the two surveys."""
 SETTINGS = MapBuildSettings(cell_m=1.0)
 

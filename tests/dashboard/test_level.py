@@ -181,6 +181,32 @@ def test_rolling_back_and_forth(level_page: Page, service: Service, floor: Floor
     assert service.get(f"/v1/levels/{floor.level_id}")["current_map_id"] == second
 
 
+def test_many_versions_come_in_pages(dashboard: Dashboard, service: Service) -> None:
+    venue = service.post("/v1/venues", {"name": "Versions", "kind": "area"})
+    extent = {"x_min": 0, "y_min": 0, "x_max": 4, "y_max": 4}
+    level = service.post(f"/v1/venues/{venue['id']}/levels", {"name": "0", "ordinal": 0, "extent": extent})
+    grid = "ncols 3\nnrows 3\nxllcenter 0\nyllcenter 0\ncellsize 1\n" + "45 46 47\n" * 3
+    maps = [
+        service.request(
+            "POST",
+            f"/v1/levels/{level['id']}/maps/import",
+            params={"format": "esri-ascii", "channel": "total", "unit": "uT", "publish": str(n == 0).lower()},
+            content=grid.replace("45", str(30 + n)).encode(),
+            headers={"Content-Type": "application/octet-stream"},
+        ).json()["id"]
+        for n in range(23)
+    ]
+    assert service.get(f"/v1/levels/{level['id']}")["current_map_id"] == maps[0]
+    page = dashboard.open(f"/levels/{level['id']}")
+    rows = page.locator(".versions li")
+    expect(rows).to_have_count(21)
+    expect(rows.last).to_contain_text("Version 1 current")
+    page.get_by_role("button", name="Show older versions").click()
+    expect(rows).to_have_count(23)
+    expect(rows.nth(21)).to_contain_text("Version 2")
+    expect(page.get_by_role("button", name="Show older versions")).to_have_count(0)
+
+
 def test_readers_may_look_only(dashboard: Dashboard, service: Service, floor: Floor) -> None:
     key = service.post("/v1/keys", {"name": "reader", "scopes": ["locate"]})["secret"]
     page = dashboard.open(f"/levels/{floor.level_id}", key=key)

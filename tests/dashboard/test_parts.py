@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import json
 from typing import Any
+from urllib.parse import parse_qs, urlsplit
 
 import numpy as np
 import pytest
-from playwright.sync_api import Page
+from playwright.sync_api import Page, Route
 
 from tests.dashboard.browsing import Dashboard
 
@@ -177,3 +179,115 @@ def test_csv_is_quoted_and_runs_nothing(blank: Page) -> None:
 def test_steps_are_round(blank: Page, low: float, high: float, steps: list[float]) -> None:
     found = run(blank, "heat.js", "return m.roundSteps(given[0], given[1]);", [low, high])
     assert found == pytest.approx(steps)
+
+
+def test_events_go_on_after_a_lost_connection(blank: Page, dashboard: Dashboard) -> None:
+    """The stream ends twice: it is taken up after the last id each time; an answer of 404 ends it for good."""
+    dashboard.expect(404, "/v1/stream")
+    seen: list[str | None] = []
+    bodies = ["retry: 5\n\nid: 3\nevent: fix\ndata: [1]\n\n", ": nothing\n\nid: 4\nevent: fix\ndata: [2]\n\n"]
+
+    def answer(route: Route) -> None:
+        seen.append(route.request.headers.get("last-event-id"))
+        if len(seen) > len(bodies):
+            route.fulfill(status=404, content_type="application/problem+json", body='{"title": "gone", "status": 404}')
+        else:
+            route.fulfill(content_type="text/event-stream", body=bodies[len(seen) - 1])
+
+    blank.route("**/v1/stream", answer)
+    got = run(
+        blank,
+        "api.js",
+        """
+        const found = [];
+        const states = [];
+        const on = {fix: (data, id) => found.push([...data, id])};
+        const error = await new m.Api("x").events("/v1/stream", on, {onstate: (s) => states.push(s)}).catch((e) => e);
+        return [found, states, error.status];
+        """,
+    )
+    assert seen == [None, "3", "4"]
+    assert got == [[[1, "3"], [2, "4"]], ["open", "waiting", "open", "waiting"], 404]
+
+
+def test_leaving_ends_a_stream_and_its_calls(blank: Page) -> None:
+    blank.route("**/v1/stream", lambda route: route.fulfill(content_type="text/event-stream", body="retry: 60000\n\n"))
+    ended = run(
+        blank,
+        "api.js",
+        """
+        const leave = new AbortController();
+        const api = new m.Api("x").scoped(leave.signal);
+        const stream = api.events("/v1/stream", {}, {onstate: (s) => s === "waiting" && leave.abort()});
+        await stream;
+        return api.get("/v1/venues").catch((error) => error.name);
+        """,
+    )
+    assert ended == "AbortError"
+
+
+def test_all_pages_of_a_list(blank: Page) -> None:
+    def answer(route: Route) -> None:
+        cursor = parse_qs(urlsplit(route.request.url).query).get("cursor", ["0"])[0]
+        following = {"0": "a", "a": "b", "b": None}[cursor]
+        route.fulfill(content_type="application/json", body=json.dumps({"items": [cursor], "next_cursor": following}))
+
+    blank.route("**/v1/things?*", answer)
+    blank.route("**/v1/things", answer)
+    assert run(blank, "api.js", "return new m.Api('x').all('/v1/things');") == ["0", "a", "b"]
+    assert run(blank, "api.js", "return new m.Api('x').all('/v1/things', {}, {most: 2});") == ["0", "a"]
+
+
+def test_zooming_keeps_the_place_under_the_pointer(blank: Page) -> None:
+    moved = run(
+        blank,
+        "canvas.js",
+        """
+        const view = new m.PlanView({label: "x", extent: {x_min: 10, y_min: -5, x_max: 110, y_max: 45}});
+        document.querySelector("main").append(view.element);
+        await new Promise((resolve) => { view.onmove = resolve; });
+        const corner = view.pixel(10, -5);
+        const before = view.place(200, 90);
+        view.zoom(3.3, 200, 90);
+        const after = view.place(200, 90);
+        view.pan(25, -40);
+        const [px, py] = view.pixel(before.x, before.y);
+        const scale = view.scale;
+        view.destroy();
+        return {corner, size: view.size, before, after, px, py, back: view.place(px, py), scale};
+        """,
+    )
+    assert moved["after"] == pytest.approx(moved["before"])
+    assert (moved["px"], moved["py"]) == pytest.approx((225, 50))
+    assert moved["back"] == pytest.approx(moved["before"])
+    left, low = moved["corner"]
+    assert 0 < left < moved["size"]["width"] / 2
+    assert moved["size"]["height"] / 2 < low < moved["size"]["height"]
+
+
+def test_two_fingers_zoom(blank: Page) -> None:
+    scales = run(
+        blank,
+        "canvas.js",
+        """
+        const view = new m.PlanView({label: "x", extent: {x_min: 0, y_min: 0, x_max: 100, y_max: 50}});
+        document.querySelector("main").append(view.element);
+        await new Promise((resolve) => { view.onmove = resolve; });
+        view.canvas.setPointerCapture = () => {};
+        const before = view.scale;
+        const box = view.canvas.getBoundingClientRect();
+        const send = (type, id, x, y) => view.canvas.dispatchEvent(
+            new PointerEvent(type, {pointerId: id, clientX: box.left + x, clientY: box.top + y}));
+        send("pointerdown", 1, 100, 100);
+        send("pointerdown", 2, 200, 100);
+        const place = view.place(150, 100);
+        send("pointermove", 1, 50, 100);
+        send("pointermove", 2, 250, 100);
+        const after = view.place(150, 100);
+        send("pointerup", 1, 50, 100);
+        send("pointerup", 2, 250, 100);
+        view.destroy();
+        return [view.scale / before, place.x - after.x, place.y - after.y];
+        """,
+    )
+    assert scales == pytest.approx([2.0, 0.0, 0.0], abs=1e-6)

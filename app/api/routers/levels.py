@@ -21,7 +21,7 @@ from app.api.pagination import PagingDep, link_next
 from app.api.rendering import png_size
 from app.api.responses import NOT_MODIFIED, OBJECT, binary, guarded
 from app.api.routing import api_router
-from app.api.schemas.levels import PLAN_EXAMPLE, LevelFoundOut, LevelIn, LevelOut, LevelPage
+from app.api.schemas.levels import PLAN_EXAMPLE, LevelFoundOut, LevelIn, LevelOut, LevelPage, LevelPatch
 from app.api.search import SearchDep
 from app.api.structure import PLAN_BOUNDS
 from app.api.validation import FieldError
@@ -46,9 +46,9 @@ def create_level(
     venue_id: str, body: LevelIn, services: ServicesDep, creation: CreationDep, response: Response
 ) -> LevelOut:
     """Create a storey; its extent is a rectangle in plan metres."""
-    extent = (body.extent.x_min, body.extent.y_min, body.extent.x_max, body.extent.y_max)
     level = creation.once(
-        lambda: services.venues.create_level(venue_id, body.name, body.ordinal, extent), services.venues.get_level
+        lambda: services.venues.create_level(venue_id, body.name, body.ordinal, body.extent.corners()),
+        services.venues.get_level,
     )
     response.headers["Location"] = f"/v1/levels/{level.id}"
     return LevelOut.of(level)
@@ -82,6 +82,28 @@ def list_levels(
 def get_level(level_id: str, services: ServicesDep) -> LevelOut:
     """One level."""
     return LevelOut.of(services.venues.get_level(level_id))
+
+
+@router.patch(
+    "/v1/levels/{level_id}",
+    summary="Change a level",
+    dependencies=[needs(Scope.SURVEY)],
+    responses=guarded(*OBJECT, errors.NOT_FOUND),
+)
+def update_level(level_id: str, body: LevelPatch, services: ServicesDep) -> LevelOut:
+    """Change name, storey or extent; what is not sent stays as it is.
+
+    Walks and maps stay where they are in level metres. The plan image's edges are those of the extent, so it is
+    stretched with it: send it anew if it should not be.
+    """
+    level = services.venues.get_level(level_id)
+    changed = services.venues.update_level(
+        level_id,
+        name=level.name if body.name is None else body.name,
+        ordinal=level.ordinal if body.ordinal is None else body.ordinal,
+        extent=level.extent if body.extent is None else body.extent.corners(),
+    )
+    return LevelOut.of(changed)
 
 
 @router.put(

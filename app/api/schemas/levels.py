@@ -13,6 +13,7 @@ from app.services import records
 
 LEVEL_ID = "lvl_019ab2c4d1e07f3a9b2c4d5e6f"
 MAX_SIDE_M = 20_000.0
+Ordinal = Annotated[Integer, Field(ge=-100, le=1000, description="Height order; 0 is the ground floor.")]
 _EXTENT = {"x_min": 0.0, "y_min": 0.0, "x_max": 120.0, "y_max": 80.0}
 _LEVEL = {
     "id": LEVEL_ID,
@@ -45,6 +46,10 @@ class ExtentIn(In):
     y_min: Metres
     x_max: Metres
     y_max: Metres
+
+    def corners(self) -> tuple[float, float, float, float]:
+        """Return what the services take."""
+        return self.x_min, self.y_min, self.x_max, self.y_max
 
     @model_validator(mode="after")
     def _is_rectangle(self) -> Self:
@@ -79,8 +84,18 @@ class LevelIn(In):
     model_config = example({"name": "F2", "ordinal": 1, "extent": _EXTENT})
 
     name: Name
-    ordinal: Annotated[Integer, Field(ge=-100, le=1000, description="Height order; 0 is the ground floor.")] = 0
+    ordinal: Ordinal = 0
     extent: ExtentIn
+
+
+class LevelPatch(In):
+    """What to change of a level; what is not sent stays."""
+
+    model_config = example({"name": "F2, east wing"})
+
+    name: Name | None = None
+    ordinal: Ordinal | None = None
+    extent: ExtentIn | None = None
 
 
 class LevelOut(Out):

@@ -11,7 +11,7 @@ const CLICK_PX = 5;
 const ARROWS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
 
 /**
- * A view of a level.
+ * A view of a level. (A picture is viewed likewise, in pixels: `unit` is what the scale bar says.)
  *
  * Layers are objects with `draw(context, view)` and, if they may be switched off, `visible`; they are drawn in order.
  * The context is in CSS pixels: use `view.pixel(x, y)`, or `view.inMetres(context, draw)` for paths in metres.
@@ -24,7 +24,8 @@ const ARROWS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], Arrow
  *     return () => plan.destroy();
  */
 export class PlanView {
-  constructor({ label, extent, margin = 0.04 }) {
+  constructor({ label, extent, margin = 0.04, unit = "m" }) {
+    this.unit = unit;
     this.layers = [];
     this.onpoint = () => {};
     this.onpick = null;
@@ -49,7 +50,8 @@ export class PlanView {
   #watch;
   #untheme;
   #pending = 0;
-  #fitted = false;
+  // Until the reader moves it, the view shows all, whatever becomes of the window.
+  #showsAll = true;
   #pointers = new Map();
   #pressed = null;
 
@@ -101,8 +103,8 @@ export class PlanView {
     const room = 1 - 2 * this.#margin;
     this.scale = Math.min((this.size.width * room) / width, (this.size.height * room) / height);
     this.centre = { x: (extent.x_min + extent.x_max) / 2, y: (extent.y_min + extent.y_max) / 2 };
-    this.#fitted = true;
     this.#moved();
+    this.#showsAll = extent === this.extent;
   }
 
   /** Zoom about a pixel; without one, about the middle. */
@@ -145,6 +147,7 @@ export class PlanView {
   }
 
   #moved() {
+    this.#showsAll = false;
     this.redraw();
     this.onmove();
   }
@@ -156,8 +159,8 @@ export class PlanView {
     this.size = { width, height };
     this.canvas.width = Math.round(width * ratio);
     this.canvas.height = Math.round(height * ratio);
-    if (this.#fitted) this.#draw();
-    else this.fit();
+    if (this.#showsAll) this.fit();
+    this.#draw();
   }
 
   #draw() {
@@ -193,10 +196,10 @@ export class PlanView {
       context.lineTo(x + width, y);
       context.lineTo(x + width, y - 5);
       context.stroke();
-      if (line > 2) context.strokeText(`${length} m`, x + 6, y - 4);
+      if (line > 2) context.strokeText(`${length} ${this.unit}`, x + 6, y - 4);
     }
     context.fillStyle = colour("text");
-    context.fillText(`${length} m`, x + 6, y - 4);
+    context.fillText(`${length} ${this.unit}`, x + 6, y - 4);
   }
 
   #drawCrosshair(context) {

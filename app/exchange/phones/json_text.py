@@ -9,16 +9,27 @@ import orjson
 from app.exchange.phones.errors import FormatError
 
 
-def parsed(content: bytes, what: str) -> object:
+def parsed(content: bytes, what: str, *, most: int) -> object:
     """What a JSON text holds; integers exact to 64 bits.
 
     ``NaN`` is no JSON, but some senders write it: it is read as not a number.
 
+    Parameters
+    ----------
+    content : bytes
+    what : str
+        Names it in errors.
+    most : int
+        Values, arrays and objects at most: three bytes of an empty one become sixty in memory.
+
     Raises
     ------
     FormatError
-        No JSON, or nested beyond reason.
+        No JSON, too much of it, or nested beyond reason.
     """
+    # commas in texts count too: what is sent has few texts
+    if sum(content.count(mark) for mark in (b",", b"[", b"{")) > most:
+        raise FormatError(what, f"holds more than {most} values; send it in parts")
     try:
         found: object = orjson.loads(content)
     except orjson.JSONDecodeError as error:

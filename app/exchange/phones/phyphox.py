@@ -28,6 +28,7 @@ from app.exchange.phones.phyphox_clock import MAX_SECONDS, START, ExperimentCloc
 from app.exchange.phones.readings import NS, Readings, Sensor, Series
 
 MAX_READINGS = 200_000
+_MAX_VALUES = 5 * MAX_READINGS
 MAX_ID = 200
 _FAR_S = 1e18
 _MAX_UNEVEN = 2
@@ -99,7 +100,7 @@ def read_body(body: bytes, *, received_ns: int, started_ns: int | None = None) -
     FormatError
         Names the field and the remedy.
     """
-    found = parsed(body, "body")
+    found = parsed(body, "body", most=_MAX_VALUES)
     if not isinstance(found, dict):
         raise FormatError("body", f"is {shown(found)}; load the experiment file of this service and send with it")
     collector = Collector(MAX_READINGS, "body")

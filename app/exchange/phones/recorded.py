@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from pathlib import PurePosixPath
 
 from app.exchange.maps.archive import DAMAGED_ZIP
+from app.exchange.maps.text import lines_of
 from app.exchange.phones.assembly import PhoneFrame
 from app.exchange.phones.errors import FormatError
 from app.exchange.phones.readings import Readings
@@ -20,6 +21,7 @@ MAX_INFLATED = 256 * 2**20
 """Bytes of all tables of an archive together."""
 MAX_FILES = 1000
 MAX_CELLS = 200
+MAX_LINE = 64 * 1024
 _DELIMITERS = (",", ";", "\t", "|")
 
 
@@ -88,27 +90,26 @@ class Archive:
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """A CSV file: names of its columns, and its rows with their line numbers."""
+    """A CSV file: names of its columns, and its rows with their line numbers; never a second time in memory."""
 
     name: str
     header: tuple[str, ...]
     delimiter: str
-    text: str
+    content: bytes
 
     @classmethod
     def of(cls, name: str, content: bytes) -> Table | None:
         """Read the header; None for a file without one."""
-        text = content.decode("utf-8-sig", "replace")
-        first = text[: text.find("\n") if "\n" in text else len(text)][:65_536].strip()
-        if not first:
+        _, first = next(lines_of(io.BytesIO(content), longest=MAX_LINE), (0, ""))
+        if not first.strip():
             return None
         # units in quoted labels may hold any of the separators
         bare = "".join(part for i, part in enumerate(first.split('"')) if i % 2 == 0) or first
         delimiter = max(_DELIMITERS, key=bare.count)
-        header = next(_cells(first, delimiter, name))
+        header = next(_cells(content, delimiter, name))
         if len(header) > MAX_CELLS:
             raise FormatError(name, f"has {len(header)} columns; at most {MAX_CELLS} are read")
-        return cls(name, tuple(one.strip() for one in header), delimiter, text)
+        return cls(name, tuple(one.strip() for one in header), delimiter, content)
 
     def label(self, place: int) -> str:
         """What a column is called, for an error."""
@@ -116,14 +117,15 @@ class Table:
 
     def rows(self) -> Iterator[tuple[int, list[str]]]:
         """Line number and cells of each row below the header; of empty lines no cells."""
-        cells = _cells(self.text, self.delimiter, self.name)
+        cells = _cells(self.content, self.delimiter, self.name)
         next(cells, None)
         yield from enumerate(cells, start=2)
 
 
-def _cells(text: str, delimiter: str, name: str) -> Iterator[list[str]]:
+def _cells(content: bytes, delimiter: str, name: str) -> Iterator[list[str]]:
+    lines = (f"{line}\n" for _, line in lines_of(io.BytesIO(content), longest=MAX_LINE))
     # strict: a quote that never ends would make the rest of the file one cell
-    reader = csv.reader(io.StringIO(text, newline=""), delimiter=delimiter, strict=True)
+    reader = csv.reader(lines, delimiter=delimiter, strict=True)
     while True:
         try:
             row = next(reader)

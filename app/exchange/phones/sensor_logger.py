@@ -22,6 +22,8 @@ from app.exchange.phones.readings import Readings, Sensor
 MAX_READINGS = 200_000
 """Of one message: ten minutes of five sensors at 60 Hz."""
 MAX_ID = 200
+_MAX_VALUES = 20 * MAX_READINGS
+"""A location has the most: 16."""
 _MAX_IGNORED, _MAX_NAME = 32, 40
 _XYZ = ("x", "y", "z")
 VALUES: Mapping[Sensor, tuple[str, ...]] = {
@@ -86,7 +88,7 @@ def read_message(body: bytes) -> Message:
     """
     if not body.strip():
         return Message()
-    found = parsed(body, "body")
+    found = parsed(body, "body", most=_MAX_VALUES)
     if not isinstance(found, dict):
         raise FormatError("body", f"is {shown(found)}; send an object with messageId, sessionId, deviceId and payload")
     payload = found.get("payload")

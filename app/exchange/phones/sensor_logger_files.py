@@ -21,8 +21,9 @@ from app.exchange.phones.recorded import MAX_ROWS, Archive, Recorded, Table, is_
 from app.exchange.phones.sensor_logger import ANNOTATION, NAMES, values_of
 
 MAX_JSON = 64 * 2**20
-"""Bytes of a JSON export: 20 minutes of four sensors at 100 Hz."""
+"""Bytes of a JSON export: a quarter of an hour of four sensors at 100 Hz."""
 MAX_BYTES = 256 * 2**20
+_MAX_VALUES = 8_000_000
 METADATA = "metadata"
 _SIDE_TABLES = frozenset({METADATA, "annotation", "studymetadata"})
 _MAX_IGNORED = 40
@@ -138,7 +139,7 @@ def _annotations(table: Table, collector: Collector) -> None:
 def _from_json(content: bytes) -> Recorded:
     if len(content) > MAX_JSON:
         raise FormatError("file", f"has {len(content)} bytes of JSON; at most {MAX_JSON} are read: export it as zip")
-    found = parsed(content, "file")
+    found = parsed(content, "file", most=_MAX_VALUES)
     if not isinstance(found, list):
         raise FormatError("file", "is no array of readings; export the recording as JSON, or as zip with CSV")
     collector = Collector(MAX_ROWS, "file")

@@ -14,7 +14,7 @@ from app.storage.models import current_maps, level_plans, levels, venues
 from app.storage.places import box_columns, box_of
 from app.storage.repositories.base import expect_one
 from app.storage.repositories.placed import PlacedRepository
-from app.storage.repositories.venues import anchor_of, level_box
+from app.storage.repositories.venues import anchor_of, level_box, venue_box
 
 _IMAGE, _VECTOR = "image", "vector"
 _SELECT = select(levels, current_maps.c.map_id).outerjoin(current_maps, current_maps.c.level_id == levels.c.id)
@@ -65,6 +65,25 @@ class SqlLevelRepository(PlacedRepository):
         if search.ordinal is not None:
             statement = statement.where(levels.c.ordinal == search.ordinal)
         return self._find(statement, levels, _level, search, cursor=cursor, limit=limit)
+
+    def update(
+        self, level_id: str, *, name: str, ordinal: int, extent: tuple[float, float, float, float], now: datetime
+    ) -> Level:
+        """Set name, storey and extent; the level and its venue are found where and as they are now."""
+        before = self.get(level_id)
+        venue = self._one("venue", before.venue_id, select(venues).where(venues.c.id == before.venue_id))
+        x_min, y_min, x_max, y_max = extent
+        corners = {"x_min": x_min, "y_min": y_min, "x_max": x_max, "y_max": y_max}
+        box = level_box(anchor_of(venue), extent)
+        values = {"name": name, "ordinal": ordinal, "updated_at": now, **corners, **box_columns(box)}
+        self._write(update(levels).where(levels.c.id == level_id).values(values))
+        if name != before.name:
+            self._set_words(level_id, name, venue.name)
+        if extent != before.extent:
+            boxes = map(box_of, self._read(select(levels).where(levels.c.venue_id == before.venue_id)).all())
+            whole = venue_box(anchor_of(venue), [one for one in boxes if one is not None])
+            self._write(update(venues).where(venues.c.id == venue.id).values(box_columns(whole)))
+        return self.get(level_id)
 
     def set_plan_image(self, level_id: str, png: bytes, now: datetime) -> None:
         """Store the plan image."""

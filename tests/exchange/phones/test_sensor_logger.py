@@ -146,6 +146,12 @@ def test_messages_are_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
         read_message(body(*[{"name": "unknown"}] * 11))
 
 
+@pytest.mark.parametrize("content", [b"[" + b"{}," * 5_000_000 + b"{}]", b'{"payload":[' + b"1,[]," * 2_500_000])
+def test_what_would_swell_in_memory_is_not_parsed(content: bytes) -> None:
+    with pytest.raises(FormatError, match="more than 4000000 values"):
+        read_message(content)
+
+
 @pytest.mark.parametrize(
     ("phone", "standardised", "frame"),
     [

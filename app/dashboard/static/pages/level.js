@@ -4,6 +4,7 @@ import { facts, figure, fill, h, icon, percent, replace, toggle, unit } from "..
 import { levelPlan } from "../plans.js";
 import { buildButton } from "./level/building.js";
 import { Comparison } from "./level/compare.js";
+import { editLevel } from "./level/editing.js";
 import { markersCard } from "./level/markers.js";
 import { geofenceLayer, walkLayer } from "./level/overlays.js";
 import { placePlan } from "./level/placing.js";
@@ -17,19 +18,31 @@ export async function render(root, params, app) {
   const level = await app.api.get(`/v1/levels/${params.level_id}`);
   const [venue, maps, view] = await Promise.all([
     app.api.get(`/v1/venues/${level.venue_id}`),
-    app.api.all("/v1/maps", { level_id: level.id }, { most: 500 }),
+    versionsOf(app, level),
     levelPlan(app, level),
   ]);
   app.setTitle(`${level.name}, ${venue.name}`);
-  const page = new LevelPage(app, { level, venue, maps, view });
+  const page = new LevelPage(app, { level, venue, view, ...maps });
   root.append(page.element);
   page.begin();
   return () => view.destroy();
 }
 
+const VERSIONS = 20;
+
+/** The newest versions, the current one among them however old it is, and where the older ones go on. */
+async function versionsOf(app, level) {
+  const query = { level_id: level.id, limit: VERSIONS };
+  const { items: maps, next_cursor: cursor } = await app.api.get("/v1/maps", query);
+  for (const id of [level.current_map_id, app.query.get("map")]) {
+    if (id && !maps.some((map) => map.id === id)) maps.push(await app.api.get(`/v1/maps/${id}`));
+  }
+  return { maps: maps.filter((map) => map.level_id === level.id), cursor };
+}
+
 class LevelPage {
-  constructor(app, { level, venue, maps, view }) {
-    Object.assign(this, { app, level, venue, maps, view });
+  constructor(app, { level, venue, maps, cursor, view }) {
+    Object.assign(this, { app, level, venue, maps, cursor, view });
     this.may = app.account.may("survey");
     this.current = maps.find((map) => map.id === level.current_map_id) ?? null;
     this.viewed = maps.find((map) => map.id === app.query.get("map")) ?? this.current ?? maps[0] ?? null;
@@ -74,7 +87,8 @@ class LevelPage {
         this.may && h(
           "div",
           { class: "row" },
-          h("button", { type: "button", onclick: () => this.#plan() }, icon("upload"), "Plan picture"),
+          h("button", { type: "button", onclick: () => this.#change(editLevel) }, icon("edit"), "Edit"),
+          h("button", { type: "button", onclick: () => this.#change(placePlan) }, icon("upload"), "Plan picture"),
           build.button,
         ),
       ),
@@ -86,8 +100,8 @@ class LevelPage {
     return h("section", { class: "card", "aria-label": "The map in numbers" }, this.summary);
   }
 
-  async #plan() {
-    if (await placePlan(this.app, this.level)) this.app.reload();
+  async #change(ask) {
+    if (await ask(this.app, this.level)) this.app.reload();
   }
 
   #show(map) {
@@ -99,14 +113,28 @@ class LevelPage {
     this.planned?.destroy();
     this.planned = map && planningCard(this.app, this.view, map);
     replace(this.planning, this.planned?.element);
+    this.#versions();
+  }
+
+  #versions() {
     replace(this.versions, this.maps.length > 0 && versionsCard(this.app, {
       level: this.level,
       maps: this.maps,
-      viewed: map?.id,
+      viewed: this.viewed?.id,
+      onmore: this.cursor && (() => this.#older()),
       onview: (one) => { if (!this.compare.element.hidden) this.compare.close(); this.#show(one); },
       oncompare: (one) => this.compare.open(one, this.current),
       onpublished: () => this.app.reload(),
     }));
+  }
+
+  async #older() {
+    const query = { level_id: this.level.id, limit: VERSIONS, cursor: this.cursor };
+    const { items, next_cursor: cursor } = await this.app.api.get("/v1/maps", query);
+    this.cursor = cursor;
+    this.maps.push(...items.filter((one) => !this.maps.some((map) => map.id === one.id)));
+    this.maps.sort((a, b) => b.version - a.version);
+    this.#versions();
   }
 
   #numbers(map) {

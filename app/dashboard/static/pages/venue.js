@@ -90,8 +90,8 @@ async function createLevel(app, venue, levels) {
     [
       { name: "name", label: "Name", required: true, maxlength: 200, placeholder: "F2" },
       { name: "ordinal", label: "Storey (0 is the ground floor)", type: "number", step: 1, required: true, value: next },
-      { name: "width", label: "Width of the plan, m (x)", type: "number", min: 1, max: 20000, required: true },
-      { name: "height", label: "Height of the plan, m (y)", type: "number", min: 1, max: 20000, hint: "Empty: as the picture’s proportions say." },
+      { name: "width", label: "Width of the plan, m (x)", type: "number", min: 1, max: 20000, required: true, half: true },
+      { name: "height", label: "Height of the plan, m (y)", type: "number", min: 1, max: 20000, half: true, hint: "Empty: as the picture’s proportions say." },
       { name: "picture", label: "Plan picture (PNG)", type: "file", accept: "image/png", hint: "It covers the level from edge to edge, north or y up. It can be placed by two known points later." },
     ],
     async (values) => close(await makeLevel(app, venue, values)),

@@ -7,17 +7,17 @@ import { problem } from "./messages.js";
  * A field of a form.
  *
  * @param {object} field  name (as the API calls it, "anchor.latitude_deg"), label, type (text, number, checkbox,
- *     select, textarea, file), value, hint, options ([value, text] of a select), required, and any attribute of the
- *     input (min, max, step, accept, placeholder, autocomplete, ...).
+ *     select, textarea, file), value, hint, options ([value, text] of a select), half (two stand side by side),
+ *     required, and any attribute of the input (min, max, step, accept, placeholder, autocomplete, ...).
  */
-export function field({ name, label, type = "text", value, hint, options, ...attributes }) {
+export function field({ name, label, type = "text", value, hint, options, half = false, ...attributes }) {
   const id = uniqueId("field");
   const notes = `${id}-notes`;
   const common = { id, name, "aria-describedby": notes, ...attributes };
   const input = control(type, value, options, common);
   const words = h("label", { for: id }, label, attributes.required && h("span", { class: "required", "aria-hidden": "true" }, " *"));
   const note = h("div", { class: "note", id: notes }, hint);
-  const box = h("div", { class: `field ${type}` }, type === "checkbox" ? [input, words] : [words, input], note);
+  const box = h("div", { class: `field ${type}${half ? " half" : ""}` }, type === "checkbox" ? [input, words] : [words, input], note);
   box.input = input;
   box.showError = (text) => {
     input.setAttribute("aria-invalid", "true");

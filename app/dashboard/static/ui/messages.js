@@ -61,8 +61,9 @@ export function loading(text = "Loading…") {
  *
  * @param {string} title
  * @param {(close: (value: any) => void) => Node[]} content
+ * @param {object} options  wide (for what needs room, such as a plan)
  */
-export function dialog(title, content) {
+export function dialog(title, content, { wide = false } = {}) {
   return new Promise((resolve) => {
     const id = uniqueId("dialog");
     let result = null;
@@ -72,7 +73,7 @@ export function dialog(title, content) {
     };
     const box = h(
       "dialog",
-      { "aria-labelledby": id },
+      { "aria-labelledby": id, class: wide && "wide" },
       h(
         "header",
         {},

@@ -185,6 +185,7 @@ class AsyncClient:
     venue = _call(endpoints.venue)
     venues = _list(endpoints.venues)
     update_venue = _call(endpoints.update_venue)
+    update_level = _call(endpoints.update_level)
     delete_venue = _call(endpoints.delete_venue)
     create_level = _call(endpoints.create_level)
     level = _call(endpoints.level)

@@ -122,11 +122,25 @@ def create_level(
     venue_id: str, name: str, *, ordinal: int = 0, extent: Extent | tuple[float, float, float, float]
 ) -> Call[Level]:
     """Create a level; ``extent`` is ``(x_min, y_min, x_max, y_max)`` in metres, ``ordinal`` 0 the ground floor."""
+    return _create(f"/v1/venues/{venue_id}/levels", Level, name=name, ordinal=ordinal, extent=_corners(extent))
+
+
+def update_level(
+    level_id: str,
+    *,
+    name: str | None = None,
+    ordinal: int | None = None,
+    extent: Extent | tuple[float, float, float, float] | None = None,
+) -> Call[Level]:
+    """Change name, storey or extent of a level; what is None stays. The plan image is stretched with the extent."""
+    fields = present({"name": name, "ordinal": ordinal, "extent": None if extent is None else _corners(extent)})
+    return Call("PATCH", f"/v1/levels/{level_id}", as_model(Level), body=json_body(fields))
+
+
+def _corners(extent: Extent | tuple[float, float, float, float]) -> dict[str, float]:
     if isinstance(extent, Extent):
-        corners = extent.model_dump()
-    else:
-        corners = dict(zip(("x_min", "y_min", "x_max", "y_max"), map(float, extent), strict=True))
-    return _create(f"/v1/venues/{venue_id}/levels", Level, name=name, ordinal=ordinal, extent=corners)
+        return extent.model_dump()
+    return dict(zip(("x_min", "y_min", "x_max", "y_max"), map(float, extent), strict=True))
 
 
 def level(level_id: str) -> Call[Level]:

@@ -54,7 +54,7 @@ class Markers {
   #row(marker) {
     if (!this.layer.editing) return h("li", {}, h("b", {}, marker.name), h("span", { class: "soft" }, `x ${marker.x.toFixed(1)}, y ${marker.y.toFixed(1)} m`));
     const coordinate = (axis) => h("input", {
-      type: "number", step: 0.1, value: marker[axis].toFixed(2), "aria-label": `${axis} of ${marker.name}, m`,
+      type: "number", step: 0.1, value: marker[axis].toFixed(1), "aria-label": `${axis} of ${marker.name}, m`,
       onchange: (event) => { marker[axis] = event.target.valueAsNumber || 0; this.view.redraw(); },
     });
     return h(

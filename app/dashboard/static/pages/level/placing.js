@@ -41,9 +41,20 @@ export function placed(image, { a, b, scale }, extent) {
   return canvas;
 }
 
+/** The rectangle of whole metres around a picture that a similarity puts in place. */
+export function reach(image, { a, b }) {
+  const corners = [[0, 0], [image.width, 0], [0, image.height], [image.width, image.height]];
+  const xs = corners.map(([u, v]) => a.re * u - a.im * v + b.x);
+  const ys = corners.map(([u, v]) => a.im * u + a.re * v + b.y);
+  return {
+    x_min: Math.floor(Math.min(...xs)), y_min: Math.floor(Math.min(...ys)),
+    x_max: Math.ceil(Math.max(...xs)), y_max: Math.ceil(Math.max(...ys)),
+  };
+}
+
 /** Ask for a picture and where it lies, and send it; true if it was. */
 export function placePlan(app, level) {
-  return dialog(`Plan of ${level.name}`, (close) => {
+  return dialog(`Plan picture of ${level.name}`, (close) => {
     const state = { image: null, file: null, points: [] };
     const stage = h("div", {}, empty("Choose a picture", "It is shown here, to be placed by two points."));
     const hint = h("p", { class: "soft small", role: "status" });
@@ -53,8 +64,8 @@ export function placePlan(app, level) {
         { name: "how", label: "Where it lies", type: "select", value: "edges", options: [["edges", "Its edges are those of the level"], ["points", "By two points whose coordinates I know"]] },
         stage,
         hint,
-        pointFields("a", "First point"),
-        pointFields("b", "Second point"),
+        h("div", { class: "fields" }, pointFields("a", "First point"), pointFields("b", "Second point")),
+        { name: "grow", label: "Make the level as large as the picture", type: "checkbox", value: false },
       ],
       async (values) => {
         await send(app, level, state, { ...values, a: readPoint(entry, "a"), b: readPoint(entry, "b") });
@@ -65,7 +76,7 @@ export function placePlan(app, level) {
     );
     const byPoints = () => entry.fieldOf("how").input.value === "points";
     const update = () => {
-      entry.querySelectorAll("fieldset").forEach((one) => { one.hidden = !byPoints(); });
+      for (const one of [...entry.querySelectorAll("fieldset"), entry.fieldOf("grow")]) one.hidden = !byPoints();
       hint.textContent = byPoints() && state.image
         ? ["Click the first point on the picture.", "Click the second point.", "Both points are set; click again to start anew."][state.points.length]
         : "";
@@ -80,7 +91,7 @@ export function placePlan(app, level) {
     });
     update();
     return [entry];
-  });
+  }, { wide: true });
 }
 
 function pointFields(name, words) {
@@ -100,7 +111,7 @@ function readPoint(entry, name) {
 function pictureView(state, onchange) {
   const { image } = state;
   const extent = { x_min: 0, y_min: 0, x_max: image.width, y_max: image.height };
-  const view = new PlanView({ label: "The picture", extent });
+  const view = new PlanView({ label: "The picture", extent, unit: "px" });
   view.element.classList.add("small");
   view.add(pictureLayer(image, extent));
   view.add({
@@ -124,13 +135,16 @@ function pictureView(state, onchange) {
   return view.element;
 }
 
-async function send(app, level, state, { how, a, b }) {
+async function send(app, level, state, { how, a, b, grow }) {
   let body = state.file;
   if (how === "points") {
     if (state.points.length < 2) throw new Error("Click two points on the picture first.");
     if (![a.x, a.y, b.x, b.y].every(Number.isFinite)) throw new Error("Give x and y of both points, in metres of the level.");
     if (Math.hypot(a.x - b.x, a.y - b.y) < 0.5) throw new Error("The two points must lie apart: the further, the better.");
-    const canvas = placed(state.image, similarity(state.points, [a, b]), level.extent);
+    const where = similarity(state.points, [a, b]);
+    const extent = grow ? reach(state.image, where) : level.extent;
+    if (grow) await app.api.patch(`/v1/levels/${level.id}`, { extent });
+    const canvas = placed(state.image, where, extent);
     body = await new Promise((resolve) => canvas.toBlob(resolve, "image/png"));
   }
   await app.api.fetch("PUT", `/v1/levels/${level.id}/plan.png`, { body, headers: { "Content-Type": "image/png" } });

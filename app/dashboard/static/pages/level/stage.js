@@ -9,6 +9,9 @@ import { QUANTITIES, Rasters, channelsOf } from "./quantities.js";
 
 const NOTHING = "none";
 
+// The view draws in the next frame; what is asked for here afterwards comes after it.
+const afterDrawing = requestAnimationFrame;
+
 /** The view of one level and the controls of what it shows. */
 export class Stage {
   constructor(app, view) {
@@ -49,7 +52,7 @@ export class Stage {
     try {
       const shown = this.map && this.what !== NOTHING ? await this.rasters.get(this.map, this.what, this.channel) : null;
       if (turn === this.#turn) this.#put(shown);
-      if (shown) performance.measure("isodyn.map", { start: began, detail: { nodes: shown.raster.values.length } });
+      if (shown) afterDrawing(() => performance.measure("isodyn.map", { start: began, detail: { nodes: shown.raster.values.length } }));
     } catch (error) {
       if (error.name === "AbortError" || turn !== this.#turn) return;
       this.#put(null);

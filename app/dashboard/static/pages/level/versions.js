@@ -7,9 +7,10 @@ const KINDS = { build: "built anew", update: "updated", import: "imported" };
 /**
  * The card of versions.
  *
- * @param {object} options  level, maps (newest first), viewed (id), onview(map), oncompare(map), onpublished()
+ * @param {object} options  level, maps (newest first), viewed (id), onview(map), oncompare(map), onpublished(),
+ *     onmore() if there are older ones
  */
-export function versionsCard(app, { level, maps, viewed, onview, oncompare, onpublished }) {
+export function versionsCard(app, { level, maps, viewed, onview, oncompare, onpublished, onmore }) {
   const may = app.account.may("survey");
   const newest = maps.find((map) => map.id === level.current_map_id);
   const buttons = (map) => h(
@@ -28,6 +29,7 @@ export function versionsCard(app, { level, maps, viewed, onview, oncompare, onpu
     { class: "card", "aria-labelledby": "versions" },
     h("h2", { id: "versions" }, "Versions"),
     h("ul", { class: "versions" }, maps.map((map) => h("li", { class: map.id === viewed && "viewed" }, words(map, level), buttons(map)))),
+    onmore && h("button", { type: "button", class: "small", onclick: onmore }, "Show older versions"),
     may && publications(app, level, maps),
   );
 }
