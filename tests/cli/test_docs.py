@@ -33,6 +33,7 @@ PAGES = [
         "docs/geofences.md",
         "docs/operations.md",
         "docs/outputs.md",
+        "docs/vehicles.md",
         "docs/phones.md",
         "clients/python/README.md",
         "maps/README.md",
