@@ -10,7 +10,7 @@ from typing import Any, Concatenate, ParamSpec, Self, TypeVar
 
 import httpx
 
-from isodyn_client import endpoints, operations, survey_files, tracks
+from isodyn_client import endpoints, ingest, live, operations, survey_files, tracks
 from isodyn_client import geofences as geofence_calls
 from isodyn_client import webhooks as webhook_calls
 from isodyn_client.aids import Aids
@@ -255,6 +255,8 @@ class AsyncClient:
     positions_geojson = _call(endpoints.positions_geojson)
     trajectory = _call(endpoints.trajectory)
     track = _call(tracks.track)
+    follow = live.async_follow
+    follow_all = live.async_follow_all
     replay = _call(endpoints.replay)
     locate = _call(endpoints.locate)
 
@@ -274,6 +276,17 @@ class AsyncClient:
     webhook_deliveries = _list(webhook_calls.webhook_deliveries)
     test_webhook = _call(webhook_calls.test_webhook)
     redeliver = _call(webhook_calls.redeliver)
+
+    create_ingest_token = _call(ingest.create_ingest_token)
+    ingest_token = _call(ingest.ingest_token)
+    ingest_tokens = _list(ingest.ingest_tokens)
+    revoke_ingest_token = _call(ingest.revoke_ingest_token)
+    recordings = _list(ingest.recordings)
+    recording = _call(ingest.recording)
+    close_recording = _call(ingest.close_recording)
+    set_recording_waypoints = _call(ingest.set_recording_waypoints)
+    markers = _call(ingest.markers)
+    set_markers = _call(ingest.set_markers)
 
     job = _call(endpoints.job)
     jobs = _list(endpoints.jobs)
