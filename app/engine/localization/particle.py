@@ -203,7 +203,7 @@ class ParticleTracker:
             while waiting and waiting[0].t <= events.t[i]:
                 watched.heard(weigh_by(track, evaluator, waiting.popleft()))
             watched.before(track.estimate)
-            moved = self._advance(track, grid, events, i, rng)
+            moved = self._advance(track, grid, events, i, rng_of_step(session.seed, float(events.t[i])))
             watched.after(track.estimate, events, i)
             track.integrity = replace(track.integrity, misfit=watched.misfit)
             if away:
@@ -386,6 +386,11 @@ class ParticleTracker:
 
     def _fix(self, track: Track, t: float) -> Fix:
         return tell(t, track.level_id, track.estimate, track.integrity, self.policy)
+
+
+def rng_of_step(seed: int, t: float) -> np.random.Generator:
+    """Random numbers of a step at ``t`` (s): the same wherever the recording was cut into segments."""
+    return np.random.default_rng([seed, round(t * 1e6)])
 
 
 def first_reading(pedestrian: PedestrianState, events: StepEvents) -> tuple[float, Float64Array]:
