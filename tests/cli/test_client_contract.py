@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import re
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from datetime import UTC, datetime
@@ -361,7 +362,7 @@ def test_statistics_and_ground_truth(service: Service, surveyed: Surveyed, walk:
         made = client.add_ground_truth(session.id, t_ms, x + 0.5, y, sd_m=np.full(len(x), 0.2))
         told = list(client.ground_truth(session.id))
         assert tuple(told) == made.items
-        assert [point.fix.error_m for point in told if point.fix] == pytest.approx([0.5] * len(t_ms))
+        assert [point.fix.error_m for point in told if point.fix] == pytest.approx([0.5] * len(t_ms), abs=0.02)
         span = {"since": min_time(t_ms), "until": datetime.now(UTC)}
         by_level = client.stats_table("accuracy", **span, level_id=surveyed.level_id, by=["level"])
         assert by_level.items[0]["fixes"] == "all"
@@ -430,7 +431,7 @@ def test_every_call_of_the_api_has_a_method(service: Service) -> None:
     served = {(verb.upper(), path) for path, verbs in paths.items() for verb in verbs if path.startswith("/v1/")}
     source = "".join(file.read_text() for file in Path(endpoints.__file__).parent.rglob("*.py"))
     for verb, path in sorted(served):
-        pattern = path.split("{")[0]
+        pattern = re.sub(r"^/v1/stats/.+", "/v1/stats/", path.split("{")[0])  # one call for all tables
         assert pattern.rstrip("/") in source, f"{verb} {path}"
 
 
