@@ -19,6 +19,7 @@ problem; a test keeps the two in step.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -36,6 +37,8 @@ from app.services.ports import WorkerLostError
 
 PROBLEM_JSON = "application/problem+json"
 TYPE_BASE = "https://isodyn.dev/problems/"
+_SECRET = re.compile(r"\bis[ik]_[\w-]+")
+"""Push addresses hold one; an answer that is kept somewhere must not."""
 MAX_ERRORS = 20
 """An answer names so many fields, and how many more there are."""
 
@@ -287,7 +290,7 @@ def install(app: FastAPI, allowed_methods: Callable[[str], str]) -> None:
         problem = problem_of(error)
         if problem.type is METHOD_NOT_ALLOWED:
             problem = replace(problem, headers={"Allow": allowed_methods(request.url.path)})
-        return problem.response(request.url.path)
+        return problem.response(_SECRET.sub("...", request.url.path))
 
     for kind in (*PROBLEM_OF, RequestValidationError, HTTPException, Exception):
         app.add_exception_handler(kind, handle)

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from app.cli.common import NAMED, print_table, progress_bars, reported
+from app.cli.common import NAMED, Key, print_table, progress_bars, reported
+from app.cli.demo import SAMPLES
 
 if TYPE_CHECKING:
     from rich.progress import Progress, TaskID
@@ -86,6 +87,62 @@ def store(
     print_table(
         ("operation", f"{beside} levels, p50 / p95", f"{levels} levels, p50 / p95", "times"),
         [(task, told[task, beside], told[task, levels], f"{factor:.2f}") for task, factor in times.items()],
+    )
+
+
+@app.command("live")
+@reported
+def live(
+    phones: Annotated[int, typer.Option(min=1, help="Phones that push at once.")] = 50,
+    seconds: Annotated[float, typer.Option(min=5.0, help="How long they do.")] = 60.0,
+    level: Annotated[
+        str | None,
+        typer.Option(help="Level (lvl_...) of the sample floor, with a map; with --url.", show_default=False),
+    ] = None,
+    data: Annotated[
+        Path, typer.Option(help="Folder that holds ilc20/site1-F2.", show_default="maps/samples")
+    ] = SAMPLES,
+    json_file: Annotated[Path | None, typer.Option("--json", help="Write the figures here.")] = None,
+    url: Annotated[
+        str | None, typer.Option("--url", help="A service that runs already; else one is started.", show_default=False)
+    ] = None,
+    key: Key = None,
+) -> None:
+    """Time the way from a phone's message to the fix on the screen of whoever watches.
+
+    Starts a service with the sample floor, lets phones push recorded walks as Sensor Logger does, one message a second
+    in real time, follows every session by server-sent events, and tells how long after a message was sent its fix came.
+
+    Example:  isodyn bench live --phones 50 --seconds 60 --json live.json
+    """
+    from app.cli.live_load import measure
+    from app.cli.live_service import service_for, walks_of_samples
+
+    walks = walks_of_samples(data)
+    with progress_bars() as bars:
+        bar = bars.add_task("measuring", total=1.0, text="")
+        with service_for(url, key, level, data, partial(_show, bars, bar, 0.0)) as found:
+            report = measure(
+                found.url, found.key, found.level_id, walks,
+                phones=phones, seconds=seconds, pid=found.pid, say=partial(_show, bars, bar, 0.0),
+            )  # fmt: skip
+        bars.update(bar, completed=1.0, text="")
+    if json_file:
+        json_file.parent.mkdir(parents=True, exist_ok=True)
+        json_file.write_text(json.dumps(report.as_dict(), indent=1))
+    rows = [
+        ("message to fix", report.measured, report.latency_ms),
+        ("message to answer", report.messages, report.answer_ms),
+    ]
+    print_table(
+        ("", "messages", "p50 (ms)", "p95 (ms)", "p99 (ms)"),
+        [(name, n, *(f"{told.get(q, float('nan')):.0f}" for q in ("p50", "p95", "p99"))) for name, n, told in rows],
+    )
+    faults = ", ".join(f"{n} {name}" for name, n in report.errors.items()) or "none"
+    cores = "not known" if report.cpu is None else f"{report.cpu:.2f} cores"
+    typer.echo(f"errors: {faults}; sent late by this program: {report.late}")
+    typer.echo(
+        f"processor: service {cores}, this program {report.client_cpu:.2f}; load average {report.load_after:.1f}"
     )
 
 

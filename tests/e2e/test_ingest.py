@@ -99,3 +99,44 @@ def test_a_pushed_survey_becomes_walks_and_a_map(service: Service, prepared: Pre
     assert (recording["state"], recording["problem"], len(recording["walk_ids"])) == ("closed", "", 1)
     service.await_all_jobs()
     assert service.get(f"/v1/levels/{prepared.level_id}")["current_map_id"] != before
+
+
+def test_secrets_of_push_addresses_are_in_nothing_the_service_says(
+    make_service: MakeService, prepared: Prepared
+) -> None:
+    service = make_service(ISODYN_LOG_LEVEL="debug", ISODYN_RATE_LIMIT_PER_MINUTE="60", ISODYN_RATE_LIMIT_BURST="20")
+    service.start()
+    token = make_token(service, prepared.level_id)
+    body = sensor_logger_messages(trip(42, t0=1.76e9).samples)[0]
+    said = [push(service, token, body)]
+    wrong = f"{token['url']}wrong"
+    for url, content in (
+        (token["url"], b"{"),
+        (wrong, body),
+        (token["url"] + "/more", body),
+        (token["url"], b"\xff" * 99),
+    ):
+        said.append(service.request("POST", url, content=content).text)
+    said += [service.request("GET", token["url"]).text]
+    refused = [service.request("POST", token["url"], content=body) for _ in range(40)]
+    assert {one.status_code for one in refused} == {200, 429}
+    said += [one.text for one in refused]
+    said.append(service.request("GET", "/metrics").text)
+    assert 'route="/v1/ingest/sensor-logger/{token}"' in said[-1]
+    service.terminate()
+    assert token["token"] not in "".join([*said, service.log, service.shown])
+
+
+def test_a_kill_between_two_messages_loses_nothing(service: Service, prepared: Prepared, walk: Walk) -> None:
+    token = make_token(service, prepared.level_id, prior={"x": float(walk.x[0]), "y": float(walk.y[0])})
+    bodies = sensor_logger_messages(walk.samples)
+    for number, body in enumerate(bodies):
+        push(service, token, body)
+        if number == len(bodies) // 2:
+            service.kill()
+            service.start()
+    recording = service.post(f"/v1/recordings/{recording_of(service, token)['id']}/close", {})
+    assert (recording["state"], recording["problem"], recording["n_late"]) == ("closed", "", 0)
+    service.await_all_jobs()
+    service.terminate()
+    assert np.array_equal(stored_samples(service, recording["session_id"]).t, walk.samples.t)

@@ -16,16 +16,17 @@ from hypothesis import strategies as st
 
 from app.engine.types import ImuSamples, Prior
 from app.exchange.phones.assembly import PhoneFrame
+from app.exchange.phones.phyphox import read_body
 from app.exchange.phones.readings import Annotation
 from app.services.errors import InvalidError, NotFoundError, OverloadedError
 from app.services.ingest.errors import IngestRefusedError, UnknownTokenError
 from app.services.ingest.order import HOLD, in_turn
 from app.services.ingest.receiving import MAX_GAP_S, pieces
-from app.services.ingest.records import Marker, Purpose, RecordingState, Stored
+from app.services.ingest.records import Incoming, Marker, Purpose, RecordingState, Stored
 from app.services.records import JobKind, SessionStatus
 from tests.exchange.recordings import WALK
 from tests.support.builders import START, World, samples
-from tests.support.phones import Phone, sensor_logger_messages
+from tests.support.phones import Phone, phyphox_bodies, sensor_logger_messages
 from tests.support.pushing import Pusher, key_of, new_token, same
 
 BODIES = sensor_logger_messages(WALK.samples)
@@ -230,6 +231,36 @@ def test_an_iphone_is_turned(world: World) -> None:
         one.close()
     assert same(turned.samples(), WALK.samples)
     assert upside_down.samples().acc == pytest.approx(-WALK.samples.acc, abs=1e-4)
+
+
+@pytest.mark.parametrize("purpose", list(Purpose))
+@pytest.mark.parametrize("frame", list(PhoneFrame))
+def test_a_message_that_tells_its_frame_is_believed_to_the_end(
+    world: World, purpose: Purpose, frame: PhoneFrame
+) -> None:
+    """Also by what is cut last, and by the walks of a survey, when no message is at hand."""
+    phone = Pusher.at(world, purpose=purpose, frame=frame)
+    for number, body in enumerate(phyphox_bodies(WALK.samples, ios=True)):
+        found = read_body(body, received_ns=0)
+        message = Incoming("run", number, found.readings, frame=found.frame, started_ns=found.started_ns)
+        world.services.recordings.receive(phone.secret, message)
+    recording = phone.close()
+    if purpose is Purpose.SURVEY:
+        recording = world.services.recordings.set_waypoints(recording.id, WALK.waypoints)
+        with world.database() as uow:
+            acc = uow.surveys.load_walk(recording.walk_ids[0]).samples.acc
+    else:
+        acc = phone.samples().acc
+    assert acc == pytest.approx(WALK.samples.acc, abs=1e-4)
+
+
+def test_messages_of_a_survey_are_never_late(world: World) -> None:
+    phone = Pusher.at(world, purpose=Purpose.SURVEY)
+    bodies = sensor_logger_messages(WALK.samples, WALK.waypoints)
+    phone.push_all(bodies[5:] + bodies[:5])
+    closed = phone.close()
+    assert (closed.n_late, closed.state, closed.problem) == (0, RecordingState.CLOSED, "")
+    assert closed.n_samples == len(WALK.samples)
 
 
 def test_nothing_is_lost_when_the_service_is_killed_between_two_messages(tmp_path: Path) -> None:

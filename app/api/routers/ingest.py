@@ -30,8 +30,10 @@ router = api_router("ingest")
 PHYPHOX_TYPE = "application/xml"
 INGEST_BYTES = 16 * 2**20
 """Largest message, inflated: ten minutes of five sensors."""
-PATIENCE_READINGS = 200
-"""After so many readings a message shows which sensors a phone sends; an early one may hold only some."""
+PATIENCE_MESSAGES = 3
+"""The first messages may hold only some sensors: others are slow to start."""
+TELLING_READINGS = 40
+"""A message of fewer does not show which sensors a phone sends."""
 _POSITION_WAIT_S = 1.5
 _CODES = {"ok": 1, "ambiguous": 2, "insufficient": 3, "off_map": 4, "disturbed": 5}
 _TEXT = {"text/plain": {"schema": {"type": "string"}}}
@@ -102,9 +104,13 @@ def _incoming(message: Message) -> Incoming:
 
 def _problem(received: Received, message: Message) -> str | None:
     """What the person with the phone should know although the message is stored."""
-    if received.recording is not None and received.recording.problem:
-        return received.recording.problem
-    return lacking(message.readings) if len(message.readings) >= PATIENCE_READINGS else None
+    recording = received.recording
+    if recording is None:
+        return None
+    if recording.problem:
+        return recording.problem
+    telling = recording.n_messages >= PATIENCE_MESSAGES and len(message.readings) >= TELLING_READINGS
+    return lacking(message.readings) if telling else None
 
 
 def _stored(received: Received) -> Response:

@@ -28,6 +28,8 @@ LATE_NS = 10 * NS
 """Readings of satellites, pressure and steps older than what was assembled by more are no longer told."""
 _TICK_NS = 1000
 _MAGNETOMETERS = (Sensor.MAGNETOMETER, Sensor.MAGNETOMETER_UNCALIBRATED)
+_TURNED = (Sensor.ACCELERATION, Sensor.LINEAR_ACCELERATION, Sensor.GRAVITY)
+"""Sensors that Apple reads with the opposite sign."""
 _AIDS = (Sensor.GNSS, Sensor.PRESSURE, Sensor.STEPS)
 
 
@@ -146,6 +148,17 @@ def _needed(ticks: Mapping[Sensor, Series]) -> _Needed | None:
     if mag is None or Sensor.GYROSCOPE not in ticks or any(one not in ticks for one in acc):
         return None
     return _Needed(mag, Sensor.GYROSCOPE, acc)
+
+
+def in_frame(readings: Readings, told: PhoneFrame, wanted: PhoneFrame) -> Readings:
+    """Readings with the signs of another frame: what tells its frame is kept in that of all the others."""
+    if (told is PhoneFrame.IOS) is (wanted is PhoneFrame.IOS):
+        return readings
+    turned = {
+        sensor: Series(series.t_ns, -series.values) if sensor in _TURNED else series
+        for sensor, series in readings.series.items()
+    }
+    return Readings(turned, readings.annotations)
 
 
 def missing(readings: Readings) -> tuple[str, ...]:

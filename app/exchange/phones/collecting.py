@@ -71,14 +71,10 @@ class Collector:
         rows.values.extend(values)
 
     def note(self, t_ns: int, text: str) -> None:
-        """Take an annotation; empty ones are dropped."""
-        plain = text.strip()[:MAX_TEXT]
-        if not plain:
-            self.dropped += 1
-            return
+        """Take an annotation; one without a text is a press of the button, and where it is made is known otherwise."""
         if len(self._notes) >= MAX_NOTES:
             raise FormatError(self.what, f"holds more than {MAX_NOTES} annotations; send it in parts")
-        self._notes.append(Annotation(t_ns, plain))
+        self._notes.append(Annotation(t_ns, text.strip()[:MAX_TEXT]))
 
     def readings(self) -> Readings:
         """All that was taken, in time order."""

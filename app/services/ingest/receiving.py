@@ -14,7 +14,7 @@ from datetime import datetime, timedelta
 import numpy as np
 
 from app.engine.types import ImuSamples, PressureReadings
-from app.exchange.phones.assembly import Assembled, assemble
+from app.exchange.phones.assembly import Assembled, assemble, in_frame
 from app.exchange.phones.readings import Annotation, Readings
 from app.services.accounts import hash_secret
 from app.services.aids import Aids, GnssReadings, to_level
@@ -132,22 +132,25 @@ class Receiver:
 
     def take(self, message: Incoming) -> bool:
         """Store a message and go on; False if it was there already."""
-        recording = self.recording
+        recording, purpose = self.recording, self.recording.purpose
         number = recording.next_number if message.number is None else message.number
-        stored = Stored(number, message.readings.pack(), self.now)
+        # a recording keeps no frame of its own: its end, and what is made of a survey, know the token's only
+        told = self.token.frame if message.frame is None else message.frame
+        readings = in_frame(message.readings, told, self.token.frame)
+        stored = Stored(number, readings.pack(), self.now)
         if not self.uow.ingest.add_message(recording.id, stored):
             return False
         self.recording = replace(
             recording,
             n_messages=recording.n_messages + 1,
-            n_late=recording.n_late + (number < recording.next_number),
+            n_late=recording.n_late + (purpose is Purpose.LOCATE and number < recording.next_number),
             last_at=self.now,
             annotations=_noted(recording.annotations, message.readings.annotations),
         )
-        if recording.purpose is Purpose.SURVEY:
+        if purpose is Purpose.SURVEY:
             self.recording = replace(self.recording, next_number=max(recording.next_number, number + 1))
         if recording.state is RecordingState.OPEN:
-            self.advance(message)
+            self.advance()
             return True
         if recording.state is RecordingState.CLOSED:
             # too late for everything: that it came is all that is kept
@@ -155,7 +158,7 @@ class Receiver:
         self._save(None)
         return True
 
-    def advance(self, message: Incoming | None = None, *, final: bool = False) -> None:
+    def advance(self, *, final: bool = False) -> None:
         """Cut what is complete (``final``: all that can be had), and store how far that went."""
         if self.recording.purpose is Purpose.SURVEY:
             # messages are kept as they are until the walk ends: only the whole has waypoints
@@ -167,8 +170,7 @@ class Receiver:
             turn, expected = tuple(waiting), max([expected, *(one.number + 1 for one in waiting)])
         self.recording = replace(self.recording, next_number=expected)
         readings = self._readings(turn)
-        frame = self.token.frame if message is None or message.frame is None else message.frame
-        cut = assemble(readings, frame, after_ns=self.recording.until_ns, final=final)
+        cut = assemble(readings, self.token.frame, after_ns=self.recording.until_ns, final=final)
         rest = readings
         if (final or _long_enough(cut)) and self._segments(cut):
             self.recording = replace(self.recording, until_ns=cut.until_ns)

@@ -281,6 +281,7 @@ class AsyncClient:
     ingest_token = _call(ingest.ingest_token)
     ingest_tokens = _list(ingest.ingest_tokens)
     revoke_ingest_token = _call(ingest.revoke_ingest_token)
+    phyphox_experiment = _call(ingest.phyphox_experiment)
     recordings = _list(ingest.recordings)
     recording = _call(ingest.recording)
     close_recording = _call(ingest.close_recording)

@@ -8,7 +8,7 @@ from datetime import datetime
 import numpy as np
 from numpy.typing import ArrayLike
 
-from isodyn_client.calls import Call, Listing, as_model, nothing, present
+from isodyn_client.calls import Call, Listing, as_bytes, as_model, nothing, present
 from isodyn_client.encoding import json_body
 from isodyn_client.models import Model, Page, Prior
 
@@ -154,6 +154,11 @@ def ingest_tokens(*, device_id: str | None = None) -> Listing[IngestToken]:
 def revoke_ingest_token(token_id: str) -> Call[None]:
     """Make a token useless at once and for good; what it sent stays."""
     return Call("DELETE", f"{_TOKENS}/{token_id}", nothing)
+
+
+def phyphox_experiment(token: str) -> Call[bytes]:
+    """The experiment file for phyphox of a token's secret: it measures, sends, and shows the position."""
+    return Call("GET", f"/v1/ingest/phyphox/{token}/experiment.phyphox", as_bytes)
 
 
 def recordings(
