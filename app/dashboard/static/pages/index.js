@@ -7,6 +7,10 @@
 
 export const pages = [
   { path: "/overview", name: "Overview", icon: "live", group: "Now", nav: true, scope: null, load: () => import("./overview.js") },
+  { path: "/sessions", name: "Sessions", icon: "route", group: "Now", nav: true, scope: "locate", load: () => import("./sessions.js") },
+  { path: "/sessions/:session_id", scope: "locate", under: "/sessions", load: () => import("./session.js") },
+  { path: "/devices", name: "Devices", icon: "phone", group: "Now", nav: true, scope: "locate", load: () => import("./devices.js") },
+  { path: "/devices/:device_id", scope: "locate", under: "/devices", load: () => import("./device.js") },
   { path: "/venues", name: "Venues", icon: "building", group: "Places", nav: true, scope: null, load: () => import("./venues.js") },
   { path: "/venues/:venue_id", scope: null, under: "/venues", load: () => import("./venue.js") },
   { path: "/surveys", name: "Surveys", icon: "survey", group: "Maps", nav: true, scope: "survey", load: () => import("./surveys.js") },

@@ -10,8 +10,9 @@ from typing import Any, Concatenate, ParamSpec, Self, TypeVar
 
 import httpx
 
-from isodyn_client import endpoints, operations, survey_files, tracks
+from isodyn_client import endpoints, operations, phones, survey_files, tracks
 from isodyn_client import geofences as geofence_calls
+from isodyn_client import session_samples as sample_calls
 from isodyn_client import webhooks as webhook_calls
 from isodyn_client.aids import Aids
 from isodyn_client.calls import Call, Listing
@@ -255,6 +256,20 @@ class AsyncClient:
     positions_geojson = _call(endpoints.positions_geojson)
     trajectory = _call(endpoints.trajectory)
     track = _call(tracks.track)
+    session_samples = _call(sample_calls.session_samples)
+    measured_profile = _call(sample_calls.measured_profile)
+
+    create_ingest_token = _call(phones.create_ingest_token)
+    ingest_tokens = _list(phones.ingest_tokens)
+    ingest_token = _call(phones.ingest_token)
+    revoke_ingest_token = _call(phones.revoke_ingest_token)
+    recordings = _list(phones.recordings)
+    recording = _call(phones.recording)
+    close_recording = _call(phones.close_recording)
+    set_recording_waypoints = _call(phones.set_recording_waypoints)
+    markers = _call(phones.markers)
+    set_markers = _call(phones.set_markers)
+
     replay = _call(endpoints.replay)
     locate = _call(endpoints.locate)
 
