@@ -157,4 +157,7 @@ def run_mqtt(
         stopped.set()
         poster.close()
         counts = poster.counts
-        say(f"{counts.taken} messages taken, {counts.refused} refused, {counts.lost} lost, {counts.retries} retries")
+        say(
+            f"{counts.taken} messages taken, {counts.remarked} with a remark, {counts.refused} refused, "
+            f"{counts.lost} lost, {counts.retries} retries"
+        )

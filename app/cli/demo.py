@@ -141,7 +141,7 @@ def _say_how_to_go_on(service: OwnService, level_id: str) -> None:
     typer.echo(
         f"""
 The service runs on:
-  address   {service.url}   (try {service.url}/docs)
+  address   {service.url}   (the dashboard; all calls: {service.url}/docs)
   data      {service.data_dir}
   stop it   kill {service.process.pid}
 

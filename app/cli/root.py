@@ -12,13 +12,16 @@ from app.cli import (
     contributions,
     database,
     demo,
+    devices,
     evaluate,
     exchange,
+    follow,
     geofences,
     keys,
     locate,
     maps,
     planning,
+    recordings,
     replay,
     serve,
     sessions,
@@ -56,8 +59,12 @@ maps.app.command("forecast")(planning.forecast)
 app.command("locate")(locate.locate)
 app.command("replay")(replay.replay)
 app.command("stream")(stream.stream)
+app.command("follow")(follow.follow)
 sessions.app.command("export")(tracks.export)
 app.add_typer(sessions.app, name="session")
+app.add_typer(devices.app, name="device")
+app.add_typer(recordings.app, name="recording")
+app.add_typer(recordings.markers, name="markers")
 app.add_typer(geofences.app, name="geofence")
 app.add_typer(webhooks.app, name="webhook")
 app.add_typer(bridges.app, name="bridge")

@@ -12,11 +12,12 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import BinaryIO
 
-from app.cli.errors import InputFileError
+from app.cli.errors import CommandError, InputFileError
 
 Lines = Iterator[list[str]]
 TICK_S = 0.2
 MAX_LINE = 64 * 1024
+_BUFFER = 4 * 2**20
 _CHUNK = 256
 """Lines of a file that are handed on at a time."""
 
@@ -64,6 +65,8 @@ class UdpLines:
             host, port, type=socket.SOCK_DGRAM, flags=socket.AI_PASSIVE
         )[0]
         self._socket = socket.socket(family, kind, protocol)
+        # while a segment is written to disk nobody reads: the kernel keeps what comes, as far as it may
+        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _BUFFER)
         self._socket.bind(address)
         self._socket.settimeout(TICK_S)
 
@@ -82,10 +85,20 @@ class UdpLines:
 
 
 def serial_lines(device: str, baud: int) -> Lines:
-    """Lines of a serial port; needs pyserial. The first line is mostly half a line and is read as one that is bad."""
-    import serial
+    """Lines of a serial port.
 
-    splitter = LineSplitter()
+    The first line is most likely the rest of one, and half a time is a wrong one: it is left out unless it is a header.
+    """
+    try:
+        import serial
+    except ImportError as error:
+        raise CommandError("a serial line needs pyserial: pip install 'isodyn[serial]'") from error
+
+    splitter, begun = LineSplitter(), False
     with serial.Serial(device, baud, timeout=TICK_S) as port:
         while True:
-            yield splitter.feed(port.read(max(1, port.in_waiting)))
+            lines = splitter.feed(port.read(max(1, port.in_waiting)))
+            if lines and not begun:
+                begun = True
+                lines = lines if lines[0][:1].isalpha() else lines[1:]
+            yield lines

@@ -207,7 +207,7 @@ def stream_lines(pump: Pump, uploader: isodyn.Uploader, source: Lines, teller: T
     IsodynError
         The service refuses what cannot be put right by waiting (key, level); what waits stays in the spool.
     """
-    finished = threading.Event()
+    finished, over = threading.Event(), threading.Event()
 
     def send() -> None:
         try:
@@ -215,6 +215,8 @@ def stream_lines(pump: Pump, uploader: isodyn.Uploader, source: Lines, teller: T
         except isodyn.IsodynError as error:
             teller.failed = error
             pump.stopped.set()
+        finally:
+            over.set()
 
     sender = threading.Thread(target=send, name="uploader")
     sender.start()
@@ -222,13 +224,15 @@ def stream_lines(pump: Pump, uploader: isodyn.Uploader, source: Lines, teller: T
         with until_stopped():
             pump.run(source)
             finished.set()
-            while sender.is_alive():
-                sender.join(0.2)
+            # not by join(): an interrupted one takes the thread for ended (bpo-45274)
+            while not over.wait(0.2):
+                pass
     finally:
         # who stops it wants the last segment sent, too, if the network is there
         finished.set()
-        sender.join(GRACE_S)
+        over.wait(GRACE_S)
         pump.stopped.set()
+        over.wait()
         sender.join()
         for words in pump.words():
             say(words)

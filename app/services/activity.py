@@ -31,7 +31,7 @@ class ActivityRepository(Protocol):
     """
 
     def segments(self, window: Window, filters: Filters, *, limit: int) -> Read[SegmentCount]:
-        """Accepted segments."""
+        """Accepted segments, those of a bucket and state together."""
         ...
 
     def job_times(self, kind: JobKind, window: Window, filters: Filters, *, limit: int) -> Read[JobTimes]:
@@ -47,7 +47,7 @@ class ActivityRepository(Protocol):
         ...
 
     def fixes(self, window: Window, filters: Filters, *, limit: int) -> Read[FixCount]:
-        """Fixes of accepted segments, alike ones of a segment together."""
+        """Fixes of accepted segments, alike ones of a bucket together."""
         ...
 
     def waiting(self) -> Sequence[Waiting]:

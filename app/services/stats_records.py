@@ -90,10 +90,11 @@ class Read(Generic[R]):
 
 @dataclass(frozen=True, slots=True)
 class SegmentCount:
-    """One accepted segment: when, its samples, and the fixes it gave (0 while it waits)."""
+    """Accepted segments of one bucket and state: how many, their samples, and the fixes they gave so far."""
 
     at: datetime
     state: JobState
+    n: int
     n_samples: int
     n_fixes: int
 
@@ -122,7 +123,7 @@ class Failure:
 
 @dataclass(frozen=True, slots=True)
 class FixCount:
-    """Fixes of one segment that are alike."""
+    """Fixes of one bucket that are alike."""
 
     at: datetime
     level_id: str

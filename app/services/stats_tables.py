@@ -163,14 +163,14 @@ def _sortable(key: _Key) -> tuple[datetime, str, str, str]:
 def _throughput(window: Window, start: datetime, found: Sequence[SegmentCount]) -> ThroughputRow:
     end = window.until if window.bucket is None else min(start + window.bucket.length, window.until)
     seconds = max((end - max(start, window.since)).total_seconds(), 1e-3)
-    n_fixes = sum(one.n_fixes for one in found)
+    n, n_fixes = sum(one.n for one in found), sum(one.n_fixes for one in found)
     return ThroughputRow(
         since=start,
-        segments=len(found),
+        segments=n,
         samples=sum(one.n_samples for one in found),
         fixes=n_fixes,
-        segments_failed=sum(one.state is JobState.FAILED for one in found),
-        segments_per_s=round(len(found) / seconds, 4),
+        segments_failed=sum(one.n for one in found if one.state is JobState.FAILED),
+        segments_per_s=round(n / seconds, 4),
         fixes_per_s=round(n_fixes / seconds, 4),
     )
 

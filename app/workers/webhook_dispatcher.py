@@ -157,8 +157,8 @@ class WebhookDispatcher:
         self._metrics.webhook_attempts.labels(outcome).inc()
         self._metrics.webhook_seconds.observe(time.perf_counter() - started)
         if not attempt.succeeded:
-            _log.warning("webhook not reached", webhook=webhook.id, delivery=delivery.id, state=settled.state.value,
-                         attempts=settled.attempts, reason=attempt.error)  # fmt: skip
+            told = {"webhook": webhook.id, "delivery": delivery.id, "state": settled.state.value}
+            _log.warning("webhook not reached", **told, attempts=settled.attempts, reason=attempt.error)
 
     def _sent(self, webhook_id: str, task: asyncio.Task[None]) -> None:
         """A webhook's turn is over: its next message may follow."""

@@ -42,7 +42,14 @@ def test_every_table_is_listed_with_its_filters(api: Api) -> None:
 
 
 def test_bounds_are_those_of_the_code() -> None:
-    for bound in (stats.MAX_BUCKETS, stats.MAX_JOBS, stats.MAX_FIX_SEGMENTS, stats.MAX_POINTS, MAX_POINTS):
+    for bound in (
+        stats.MAX_BUCKETS,
+        stats.MAX_JOBS,
+        stats.MAX_TIMES,
+        stats.MAX_FIX_SEGMENTS,
+        stats.MAX_POINTS,
+        MAX_POINTS,
+    ):
         assert f"{bound:,}" in PAGE, bound
 
 

@@ -17,6 +17,7 @@ import typer
 from hypothesis import given
 from hypothesis import strategies as st
 from isodyn_client.bridges import Georeference
+from isodyn_client.follow import Follower
 
 from app.cli.bridging import host_and_port, read_tokens
 from app.cli.convert import samples_of
@@ -194,3 +195,32 @@ def test_tokens_of_a_file(tmp_path: Path) -> None:
         file.write_text(text)
         with pytest.raises(InputFileError, match=r"tokens\.json"):
             read_tokens(file, None)
+
+
+def test_a_session_is_followed_by_its_events(service: Service, surveyed: Surveyed) -> None:
+    """Without one question for positions, from the first fix to the last, and again from the middle."""
+    walk = next(walk for walk in Ilc20Level("site1-F2", SAMPLE).walks("train") if walk.walk_id.startswith("5dda402"))
+    start = isodyn.Prior(x=float(walk.waypoints.x[0]), y=float(walk.waypoints.y[0]))
+    asked: list[str] = []
+
+    class Watching(httpx.HTTPTransport):
+        def handle_request(self, request: httpx.Request) -> httpx.Response:
+            asked.append(request.url.path.rpartition("/")[2])
+            return super().handle_request(request)
+
+    with service.client() as client, isodyn.Client(service.url, service.key, transport=Watching()) as watcher:
+        session = client.open_session(surveyed.level_id, prior=start)
+        batches = Follower(watcher, session.id).batches()
+        found: list[int] = []
+        for _ in session.send_all(samples_of(walk.samples), wait=20):
+            found += [fix.number for fix in next(batch for batch in batches if batch)]
+        assert "events" in asked
+        assert "positions" not in asked
+        session.close()
+        found += [fix.number for batch in batches for fix in batch]
+        told = session.positions()
+        assert found == list(range(len(told)))
+        middle = len(told) // 2
+        later = [fix for batch in Follower(watcher, session.id, middle).batches() for fix in batch]
+        assert [fix.number for fix in later] == list(range(middle + 1, len(told)))
+        assert [fix.x for fix in later] == told.x[middle + 1 :].tolist()

@@ -1,4 +1,4 @@
-"""Raw samples, profiles and phones through the Python client, on the real service."""
+"""Raw samples and profiles through the Python client, on the real service."""
 
 from __future__ import annotations
 
@@ -35,20 +35,3 @@ def test_the_profile_agrees_with_the_map(service: Service, surveyed: Surveyed) -
     known = np.isfinite(measured) & np.isfinite(mapped)
     assert known.mean() > 0.5
     assert np.median(abs(measured - mapped)[known] / sd[known]) < 3.0
-
-
-def test_a_phone_gets_its_address(service: Service, surveyed: Surveyed) -> None:
-    with service.client() as client:
-        device = client.create_device("phone")
-        made = client.create_ingest_token("phone", app="phyphox", device_id=device.id, level_id=surveyed.level_id)
-        assert made.token in made.url
-        assert made.qr_svg.startswith("<svg")
-        assert made.settings
-        assert client.ingest_token(made.id).name == "phone"
-        assert [one.id for one in client.ingest_tokens(device.id)] == [made.id]
-        client.revoke_ingest_token(made.id)
-        assert client.ingest_token(made.id).revoked_at is not None
-        assert list(client.recordings(device_id=device.id)) == []
-        client.set_markers(surveyed.level_id, {"A": (10.0, 20.0), "B": (30.0, 20.0)})
-        assert [(one.name, one.x) for one in client.markers(surveyed.level_id).markers] == [("A", 10.0), ("B", 30.0)]
-        client.set_markers(surveyed.level_id, {})

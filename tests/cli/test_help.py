@@ -30,7 +30,8 @@ ALL = dict(commands(typer.main.get_command(app)))
 
 def test_the_commands_of_the_design_are_there() -> None:
     named = "serve demo survey map contributions locate replay stream session geofence webhook bridge evaluate bench"
-    assert {path[0] for path in ALL} == {*named.split(), "keys", "db"}
+    phones = "device recording markers follow"
+    assert {path[0] for path in ALL} == {*named.split(), *phones.split(), "keys", "db"}
 
 
 @pytest.mark.parametrize("path", ALL, ids=" ".join)

@@ -26,6 +26,8 @@ class Watch:
     host: str
     faults: list[str] = field(default_factory=list)
     expected: list[tuple[int, str]] = field(default_factory=lambda: list(NOT_THERE_YET))
+    may_lose_requests: bool = False
+    """Whether requests without any answer are part of the test."""
 
     def follow(self, page: Page) -> None:
         """Watch this page from now on."""
@@ -47,6 +49,8 @@ class Watch:
             return
         failed = _FAILED_LOAD.match(message.text)
         if failed and self.is_expected(int(failed[1]), message.location["url"]):
+            return
+        if self.may_lose_requests and "net::ERR_FAILED" in message.text:
             return
         self.faults.append(f"console {message.type}: {message.text} ({message.location})")
 

@@ -21,6 +21,9 @@ def test_a_map_is_built_and_brought_up_to_date(dashboard: Dashboard, service: Se
     dialog.get_by_label("Distance of nodes").fill("1")
     dialog.get_by_role("button", name="Start").click()
     expect(page.get_by_role("progressbar", name="Progress of the map")).to_be_visible()
+    page.reload()
+    expect(page.get_by_role("progressbar", name="Progress of the map")).to_be_visible()
+    expect(page.get_by_role("button", name="Build the map")).to_be_disabled()
     expect(page.get_by_text("The map was built.")).to_be_visible(timeout=60_000)
     drawn(page)
     (first,) = service.get("/v1/maps", level_id=level_id)["items"]

@@ -111,6 +111,11 @@ def test_other_components_and_layers(level_page: Page, dashboard: Dashboard, ser
     page.reload()
     drawn(page)
     expect(legend).to_have_text("Number of walks")
+    with map_drawn(page):
+        page.get_by_label("Show", exact=True).select_option("along")
+    with map_drawn(page):
+        page.get_by_label("Heading", exact=True).select_option("90")
+    expect(legend).to_have_text("Expected error along the way, heading 90°, m")
     page.get_by_label("Show", exact=True).select_option("none")
     expect(legend).to_have_count(0)
 

@@ -15,6 +15,9 @@ from tests.dashboard.floors import Floor
 from tests.dashboard.traffic import walk_sessions
 from tests.e2e.service import Service
 
+CHARTS_FIT = (
+    "[...document.querySelectorAll('.main-svg')].every((one) => one.getBoundingClientRect().right <= innerWidth)"
+)
 EXTENT = {"x_min": 0, "y_min": 0, "x_max": 20, "y_max": 10}
 SECTIONS = (
     "Alarms", "Latency", "Throughput", "Backlog", "Errors", "Fixes by what they claim", "Error budget", "Levels",
@@ -41,7 +44,8 @@ def test_every_section_shows_something(dashboard: Dashboard, operations: Page) -
         expect(section(operations, name).locator("[aria-busy]")).to_have_count(0)
         expect(section(operations, name).get_by_role("alert")).to_have_count(0)
     expect(section(operations, "Latency").locator(".scatterlayer .trace")).to_have_count(4)
-    expect(section(operations, "Throughput").locator(".scatterlayer .trace")).to_have_count(2)
+    expect(section(operations, "Throughput").locator(".scatterlayer .trace")).to_have_count(1)
+    expect(section(operations, "Throughput").locator(".barlayer .trace")).to_have_count(1)
     expect(section(operations, "Backlog").get_by_role("cell", name="Map builds")).to_be_visible()
     expect(section(operations, "Fixes by what they claim").get_by_role("cell", name="F2")).to_be_visible()
     expect(section(operations, "Error budget").get_by_role("cell", name="sure", exact=True)).to_be_visible()
@@ -49,6 +53,8 @@ def test_every_section_shows_something(dashboard: Dashboard, operations: Page) -
     expect(section(operations, "Storage").get_by_role("cell", name="Free on the disk")).to_be_visible()
     assert dashboard.fits()
     dashboard.screenshots("operations")
+    dashboard.resize(375)
+    operations.wait_for_function(CHARTS_FIT)
     assert dashboard.fits()
 
 
@@ -76,6 +82,14 @@ def test_filters_narrow_and_stay_in_the_address(operations: Page, service: Servi
     operations.reload()
     expect(operations.get_by_label("Level", exact=True)).to_have_value(other["id"])
     expect(section(operations, "Fixes by what they claim").get_by_text("No fixes.")).to_be_visible()
+
+
+def test_fixes_and_errors_are_told_apart_by_device(operations: Page) -> None:
+    operations.get_by_label("Fixes and errors by").select_option("Device")
+    for name in ("Fixes by what they claim", "Error budget"):
+        expect(section(operations, name).get_by_role("columnheader", name="Device")).to_be_visible()
+        expect(section(operations, name).get_by_role("cell", name="trolley").first).to_be_visible()
+    assert "by=device" in operations.url
 
 
 def test_every_table_can_be_taken_home(operations: Page, tmp_path: Path) -> None:

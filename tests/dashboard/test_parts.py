@@ -50,29 +50,34 @@ EVENTS = (
 )
 
 
-@pytest.mark.parametrize("size", [1, 2, 3, 7, 1000])
-def test_server_sent_events_in_any_pieces(blank: Page, size: int) -> None:
+def test_server_sent_events_in_any_pieces(blank: Page) -> None:
     found = run(
         blank,
         "api.js",
         """
         const bytes = new TextEncoder().encode(given.text);
-        const stream = new ReadableStream({start(c) {
-          for (let i = 0; i < bytes.length; i += given.size) c.enqueue(bytes.slice(i, i + given.size));
+        const cut = (size) => new ReadableStream({start(c) {
+          for (let i = 0; i < bytes.length; i += size) c.enqueue(bytes.slice(i, i + size));
           c.close();
         }});
         const out = [];
-        for await (const event of m.serverSentEvents(stream)) out.push(event);
+        for (const size of given.sizes) {
+          const events = [];
+          for await (const event of m.serverSentEvents(cut(size))) events.push(event);
+          out.push(events);
+        }
         return out;
         """,
-        {"text": EVENTS, "size": size},
+        {"text": EVENTS, "sizes": [1, 2, 3, 7, 1000]},
     )
-    assert [(one["name"], one["data"], one["id"], one["retry"]) for one in found] == [
-        ("fixes", '{"number": [3,\n4]}', "4", None),
-        ("message", "1", None, None),
-        ("message", None, None, 5),
-        ("message", "x", "", None),
-    ]
+    assert len(found) == 5
+    for events in found:
+        assert [(one["name"], one["data"], one["id"], one["retry"]) for one in events] == [
+            ("fixes", '{"number": [3,\n4]}', "4", None),
+            ("message", "1", None, None),
+            ("message", None, None, 5),
+            ("message", "x", "", None),
+        ]
 
 
 def test_contours_lie_where_the_value_is(blank: Page) -> None:
@@ -172,13 +177,11 @@ def test_csv_is_quoted_and_runs_nothing(blank: Page) -> None:
     assert text == 'name,n\r\n"say ""a, b""",-1.5\r\n\'=HYPERLINK(1),\r\n'
 
 
-@pytest.mark.parametrize(
-    ("low", "high", "steps"),
-    [(0, 10, [0, 2, 4, 6, 8, 10]), (31.2, 58.7, [35, 40, 45, 50, 55]), (-1, 1, [-1, -0.5, 0, 0.5, 1])],
-)
-def test_steps_are_round(blank: Page, low: float, high: float, steps: list[float]) -> None:
-    found = run(blank, "heat.js", "return m.roundSteps(given[0], given[1]);", [low, high])
-    assert found == pytest.approx(steps)
+def test_steps_are_round(blank: Page) -> None:
+    ranges = {(0, 10): [0, 2, 4, 6, 8, 10], (31.2, 58.7): [35, 40, 45, 50, 55], (-1, 1): [-1, -0.5, 0, 0.5, 1]}
+    found = run(blank, "heat.js", "return given.map(([low, high]) => m.roundSteps(low, high));", list(ranges))
+    for steps, expected in zip(found, ranges.values(), strict=True):
+        assert steps == pytest.approx(expected)
 
 
 def test_events_go_on_after_a_lost_connection(blank: Page, dashboard: Dashboard) -> None:

@@ -66,7 +66,9 @@ def test_a_large_map_is_drawn_at_once(dashboard: Dashboard, service: Service) ->
     page.get_by_label("Show", exact=True).select_option("support")
     drawn(page, 3)
     times_ms = measured(page, "isodyn.map")
+    opened = page.evaluate("(([one]) => one.startTime + one.duration)(performance.getEntriesByName('isodyn.map'))")
     nodes = page.evaluate("performance.getEntriesByName('isodyn.map')[0].detail.nodes")
-    sys.stdout.write(f"{N} x {N} map drawn: {', '.join(f'{t:.0f}' for t in times_ms)} ms\n")
+    listed = ", ".join(f"{t:.0f}" for t in times_ms)
+    sys.stdout.write(f"{N} x {N} map drawn: {listed} ms; {opened:.0f} ms after the page was asked for\n")
     assert nodes >= N * N
     assert min(times_ms) < MAP_MS

@@ -151,7 +151,7 @@ def test_a_truncated_log_is_read_as_far_as_it_goes() -> None:
 
 
 def test_a_log_that_never_ends_is_not_read_to_its_end(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("app.exchange.surveys.getsensordata.MAX_EVENTS", 100)
+    monkeypatch.setattr("app.exchange.surveys.getsensordata_lines.MAX_EVENTS", 100)
     with pytest.raises(InputError, match=r"line 1\d\d"):
         read(log_of())
 

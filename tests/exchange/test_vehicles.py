@@ -59,8 +59,9 @@ def test_headers_and_units(header: str, factors: tuple[float, ...], speed: float
 def test_lines_without_a_header_and_with_another_separator() -> None:
     reader = LineReader(LineChoices(header=tuple(HEADER.split(","))))
     texts = [text.replace(",", ";").replace(".", ",") for text in lines()]
-    rows = rows_of(reader, texts)
+    rows = rows_of(reader, ["0,1;0,2", *texts])  # a serial line begins in the middle of one
     assert len(rows) == 120
+    assert reader.n_bad == 1
     assert rows[0].sensors == pytest.approx(SENSORS)
 
 

@@ -12,7 +12,7 @@ from app.services.records import JobKind
 from tests.support.builders import World, locate_result, new_segment
 
 ACCEPT_STATEMENTS = 9
-ROUND_STATEMENTS = 23
+ROUND_STATEMENTS = 24
 
 
 @contextmanager

@@ -16,6 +16,7 @@ from app.services.geofences import DEFAULT_EVENTS, MAX_PER_LEVEL, GeofenceSpec
 from app.services.geofencing import crossings
 from app.services.records import Job, JobKind, Level, Session, VenueKind
 from app.services.webhook_records import WebhookEvent
+from tests.services.test_cost import _statements
 from tests.support.builders import START, T0, World, fix, locate_result, new_segment
 
 ROOM = [[10.0, 10.0], [20.0, 10.0], [20.0, 20.0], [10.0, 20.0]]
@@ -259,6 +260,23 @@ def test_sessions_and_geofences_are_each_for_themselves(world: World) -> None:
     assert len(told(world, geofence_id=first.id)) == 2
     assert len(told(world, geofence_id=second.id, kind=ENTER)) == 2
     assert told(world, level_id="lvl_0") == []
+
+
+@pytest.mark.parametrize("places", [(OUT, OUT), (IN, IN)], ids=["far away", "inside already"])
+def test_nothing_new_costs_one_search(world: World, places: tuple[tuple[float, float], ...]) -> None:
+    """However many geofences the level has: a segment without a crossing sends one statement for all of them."""
+    level = world.mapped_level()
+    walker = Walker(world, level)
+    room(world, level, dwell_s=3600.0)
+    for i in range(20):
+        room(world, level, name=str(i), dwell_s=3600.0)
+    walker.at(*places)
+    walker.at(*places)
+    with _statements(world) as sent:
+        walker.at(*places)
+    about = [statement for statement in sent if "geofence" in statement]
+    assert len(about) == 1
+    assert about[0].startswith("SELECT")
 
 
 def test_events_are_found_by_time(world: World) -> None:

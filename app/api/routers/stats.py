@@ -80,7 +80,7 @@ def get_throughput(services: ServicesDep, window: WindowDep, filters: FiltersDep
     responses={**csv_answer(tables.LatencyRowOut), **guarded(errors.INVALID)},
 )
 def get_latency(services: ServicesDep, window: WindowDep, filters: FiltersDep, as_csv: WantsCsvDep) -> Response:
-    """Percentiles by kind of job, over those that ended. Reads at most the 200,000 newest jobs of a kind."""
+    """Percentiles by kind of job, over those that ended. Reads at most the 50,000 newest jobs of a kind."""
     shown = tables.LatencyOut.of(services.stats.latency(window, filters))
     return answer(shown, shown.items, tables.LatencyRowOut, "latency", as_csv=as_csv)
 

@@ -80,12 +80,12 @@ export class Api {
   patch(path, json, options = {}) { return this.#json("PATCH", path, { ...options, json }); }
   delete(path, options = {}) { return this.#json("DELETE", path, options); }
 
-  /** The same as `get`; null where there is no such thing, or no such call in this version of the service. */
+  /** The same as `get`; null where there is no such thing, no such call in this version, or none for this key. */
   async find(path, query = {}, options = {}) {
     try {
       return await this.get(path, query, options);
     } catch (error) {
-      if (error.status === 404 || error.status === 405) return null;
+      if ([403, 404, 405].includes(error.status)) return null;
       throw error;
     }
   }

@@ -17,8 +17,13 @@ _MAX_FILES = 64
 MAX_INFLATED = 128 * 2**20
 """Bytes of all files of an archive together."""
 _MAX_METADATA = 256 * 1024
-DAMAGED_ZIP = (zipfile.BadZipFile, zlib.error, EOFError, OSError, ValueError, RuntimeError, NotImplementedError)
-"""What the standard library raises over damaged, encrypted or exotic archives."""
+DAMAGED_ZIP = (
+    zipfile.BadZipFile, zlib.error, EOFError, OSError, ValueError, RuntimeError, NotImplementedError, IndexError,
+    OverflowError,
+)  # fmt: skip
+"""What the standard library raises over damaged, encrypted or exotic archives (IndexError: a file without a name,
+OverflowError: one that begins beyond all files)."""
+_METHODS = frozenset({zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED})
 _EPOCH = (1980, 1, 1, 0, 0, 0)
 """Time of every file of an archive: equal content gives equal bytes."""
 
@@ -68,7 +73,7 @@ def read_archive(content: bytes) -> dict[str, bytes]:
                 raise InputError(
                     "file", f"holds more than {_MAX_FILES} files or {MAX_INFLATED} bytes; send fewer layers"
                 )
-            return {entry.filename.rpartition("/")[2]: _member(archive, entry) for entry in entries}
+            return {entry.filename.rpartition("/")[2]: member(archive, entry) for entry in entries}
     except DAMAGED_ZIP as error:
         if isinstance(error, InputError):
             raise
@@ -77,7 +82,10 @@ def read_archive(content: bytes) -> dict[str, bytes]:
         ) from error
 
 
-def _member(archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> bytes:
+def member(archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> bytes:
+    """A file of an archive, as many bytes as it announces at most."""
+    if entry.compress_type not in _METHODS:  # others ask for as much memory as they like
+        raise InputError(entry.filename[:80], "is compressed in an uncommon way; send a plain (deflated) zip file")
     with archive.open(entry) as source:
         # the announced size may lie: nothing beyond it is inflated
         return source.read(entry.file_size)

@@ -72,7 +72,12 @@ def _metres(text: str) -> float | None:
 
 
 def read_markers(content: bytes) -> dict[str, tuple[float, float]]:
-    """Markers of a CSV table with the columns ``name``, ``x``, ``y`` (level metres).
+    """Markers of a CSV table (:func:`marker_rows`), by key."""
+    return {marker_key(name): (x, y) for name, x, y in marker_rows(content)}
+
+
+def marker_rows(content: bytes) -> list[tuple[str, float, float]]:
+    """Names, ``x`` and ``y`` (level metres) of a CSV table with these columns, each name once.
 
     Raises
     ------
@@ -87,16 +92,17 @@ def read_markers(content: bytes) -> dict[str, tuple[float, float]]:
     if table is None or missing:
         raise FormatError("markers header", f"lacks {', '.join(missing)}; write a line name,x,y above the markers")
     name, x, y = (header.index(one) for one in ("name", "x", "y"))
-    markers: dict[str, tuple[float, float]] = {}
+    markers: dict[str, tuple[str, float, float]] = {}
     for line, row in table.rows():
         if len(row) <= max(name, x, y) or not row[name].strip():
             if any(cell.strip() for cell in row):
                 raise FormatError(f"markers line {line}", "lacks name, x or y; complete or remove it")
             continue
         place = (_coordinate(row[x], line, "x"), _coordinate(row[y], line, "y"))
-        if markers.setdefault(marker_key(row[name]), place) != place or len(markers) > MAX_MARKERS:
+        known = markers.setdefault(marker_key(row[name]), (row[name].strip(), *place))
+        if known[1:] != place or len(markers) > MAX_MARKERS:
             raise FormatError(f"markers line {line}", f"names {row[name][:40]!r} once more; each name has one place")
-    return markers
+    return list(markers.values())
 
 
 def _coordinate(text: str, line: int, axis: str) -> float:

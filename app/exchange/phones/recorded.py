@@ -9,7 +9,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import PurePosixPath
 
-from app.exchange.maps.archive import DAMAGED_ZIP
+from app.engine.errors import InputError
+from app.exchange.maps.archive import DAMAGED_ZIP, member
 from app.exchange.maps.text import lines_of
 from app.exchange.phones.assembly import PhoneFrame
 from app.exchange.phones.errors import FormatError
@@ -77,11 +78,9 @@ class Archive:
                 if len(entries) > MAX_FILES or sum(entry.file_size for entry in tables) > MAX_INFLATED:
                     raise FormatError("file", f"holds more than {MAX_FILES} files or {MAX_INFLATED} bytes of tables")
                 for entry in tables:
-                    with archive.open(entry) as source:
-                        # the announced size may lie: nothing beyond it is inflated
-                        yield PurePosixPath(entry.filename), source.read(entry.file_size)
+                    yield PurePosixPath(entry.filename), member(archive, entry)
         except DAMAGED_ZIP as error:
-            if isinstance(error, FormatError):
+            if isinstance(error, InputError):
                 raise
             raise FormatError(
                 "file", f"is a damaged archive ({str(error)[:80]}); export the recording again"

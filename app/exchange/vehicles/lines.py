@@ -184,9 +184,9 @@ class _Layout:
         index = self.columns.index
         needed = max(index[role] for role in ("t", *SENSORS))
         if not self.fixed:
-            # the comma last: it may stand within numbers
+            # the comma last: it may stand within numbers; a first line that is cut off tells nothing
             self.delimiter = next((one for one in (";", "\t", "|", ",") if line.count(one) >= needed), None)
-            self.fixed = True
+            self.fixed = self.delimiter is not None or len(line.split()) > needed
         cells = cells_of(line, self.delimiter, number)
         comma = self.delimiter != ","
         if len(cells) <= needed:

@@ -148,8 +148,11 @@ class Receiver:
             self.recording = replace(self.recording, next_number=max(recording.next_number, number + 1))
         if recording.state is RecordingState.OPEN:
             self.advance(message)
-        else:
-            self.uow.ingest.save(self.recording, None)
+            return True
+        if recording.state is RecordingState.CLOSED:
+            # too late for everything: that it came is all that is kept
+            self.uow.ingest.drop_readings(recording.id, [number])
+        self._save(None)
         return True
 
     def advance(self, message: Incoming | None = None, *, final: bool = False) -> None:

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Sequence
 from dataclasses import replace
 from datetime import datetime, timedelta
 
 from app.engine.types import Waypoints
+from app.exchange.phones.places import marker_key
 from app.services.base import DEFAULT_LIMIT, Service, check_limit
 from app.services.clock import Clock
-from app.services.errors import ConflictError, InvalidError, SessionClosedError
+from app.services.errors import ConflictError, InvalidError, OverloadedError, SessionClosedError
 from app.services.ingest.errors import IngestRefusedError
-from app.services.ingest.ports import UploadChecks
+from app.services.ingest.ports import Extent, UploadChecks
 from app.services.ingest.receiving import Effects, Receiver, recording_of, token_of
 from app.services.ingest.records import (
     Incoming,
@@ -93,12 +95,18 @@ class RecordingService(Service):
         return recording
 
     def close_silent(self, silence: timedelta) -> Sequence[str]:
-        """End the recordings that have been silent for so long; returns their ids."""
+        """End the recordings that have been silent for so long; returns their ids.
+
+        What the queue has no room for stays open until the next time, and holds up no other.
+        """
         with self._uow() as uow:
             ids = uow.ingest.silent_since(self._clock() - silence, limit=_AT_ONCE)
+        ended = []
         for recording_id in ids:
-            self.close(recording_id)
-        return ids
+            with contextlib.suppress(OverloadedError):
+                self.close(recording_id)
+                ended.append(recording_id)
+        return tuple(ended)
 
     def set_waypoints(self, recording_id: str, waypoints: Waypoints) -> RecordingInfo:
         """Make walks of a survey recording that waits for waypoints, with these."""
@@ -155,19 +163,8 @@ class RecordingService(Service):
         """Put these marked points in place of what the level had."""
         if len(markers) > MAX_MARKERS:
             raise InvalidError("markers", f"has {len(markers)} entries", f"send at most {MAX_MARKERS}")
-        seen: set[str] = set()
         with self._uow(write=True) as uow:
-            x_min, y_min, x_max, y_max = uow.levels.get(level_id).extent
-            for i, marker in enumerate(markers):
-                name = marker.name.strip().casefold()
-                if name in seen:
-                    raise InvalidError(
-                        f"markers.{i}.name", f"{marker.name!r} comes twice", "give each point its own name"
-                    )
-                seen.add(name)
-                if not (x_min <= marker.x <= x_max and y_min <= marker.y <= y_max):
-                    remedy = "give metres in the level's frame, within its extent"
-                    raise InvalidError(f"markers.{i}.x", f"({marker.x:g}, {marker.y:g}) is outside the level", remedy)
+            _check_markers(markers, uow.levels.get(level_id).extent)
             uow.ingest.set_markers(level_id, markers)
             return uow.ingest.markers(level_id)
 
@@ -203,3 +200,17 @@ class RecordingService(Service):
             self._watchers.session_changed(session_id)
         for job in effects.jobs:
             self._listener.job_queued(job)
+
+
+def _check_markers(markers: Sequence[Marker], extent: Extent) -> None:
+    x_min, y_min, x_max, y_max = extent
+    seen: set[str] = set()
+    for i, marker in enumerate(markers):
+        key = marker_key(marker.name)  # as annotations are looked up
+        if key in seen:
+            raise InvalidError(f"markers.{i}.name", f"{marker.name!r} comes twice", "give each point its own name")
+        seen.add(key)
+        inside = {"x": x_min <= marker.x <= x_max, "y": y_min <= marker.y <= y_max}
+        for axis in (axis for axis, ok in inside.items() if not ok):
+            what = f"({marker.x:g}, {marker.y:g}) is outside the level"
+            raise InvalidError(f"markers.{i}.{axis}", what, "give metres in the level's frame, within its extent")

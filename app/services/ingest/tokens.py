@@ -6,6 +6,7 @@ import secrets
 from dataclasses import dataclass, replace
 from datetime import datetime
 
+from app.exchange.phones.places import marker_key
 from app.services.accounts import hash_secret
 from app.services.base import DEFAULT_LIMIT, Service, check_limit
 from app.services.errors import InvalidError
@@ -105,8 +106,8 @@ def _check_survey(uow: UnitOfWork, new: NewToken) -> None:
         raise InvalidError(field, "means nothing for a survey", "leave it out, or make a token to locate")
     if new.survey_id is not None and uow.surveys.get(new.survey_id).level_id != new.level_id:
         raise InvalidError("survey_id", "is of another level", f"name a survey of level {new.level_id}")
-    known = {marker.name for marker in uow.ingest.markers(new.level_id)}
+    known = {marker_key(marker.name) for marker in uow.ingest.markers(new.level_id)}
     for i, name in enumerate(new.route):
-        if name not in known:
+        if marker_key(name) not in known:
             remedy = "name markers that GET /v1/levels/{level_id}/markers lists, or set them first"
             raise InvalidError(f"route.{i}", f"{name!r} is no marker of the level", remedy)

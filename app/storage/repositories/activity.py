@@ -11,7 +11,20 @@ from collections.abc import Sequence
 from datetime import UTC, datetime, timedelta
 from typing import Any
 
-from sqlalchemy import ColumnElement, Row, and_, exists, func, select
+from sqlalchemy import (
+    BigInteger,
+    ColumnElement,
+    Integer,
+    Label,
+    Row,
+    and_,
+    cast,
+    exists,
+    extract,
+    func,
+    literal_column,
+    select,
+)
 
 from app.services.records import JobKind, JobState
 from app.services.stats_records import (
@@ -29,7 +42,10 @@ from app.services.stats_records import (
 from app.storage.models import fixes, jobs, levels, segments, sessions
 from app.storage.repositories.base import Repository
 
+_EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
+_SECOND = timedelta(seconds=1)
 _MILLISECOND = timedelta(milliseconds=1)
+_BUCKET: ColumnElement[int] = literal_column("bucket", Integer)
 _ENDED = (JobState.DONE.value, JobState.FAILED.value)
 
 
@@ -56,12 +72,19 @@ class SqlActivityRepository(Repository):
         """Accepted segments of the window."""
         low, complete = self._from(JobKind.LOCATE_SEGMENT, window, limit)
         statement = (
-            select(jobs.c.created_at, jobs.c.state, segments.c.n_samples, segments.c.n_fixes)
+            select(
+                _bucket(window),
+                jobs.c.state,
+                func.count().label("n"),
+                func.sum(segments.c.n_samples).label("n_samples"),
+                func.coalesce(func.sum(segments.c.n_fixes), 0).label("n_fixes"),
+            )
             .join(segments, _segment_of_job())
             .where(*_in(JobKind.LOCATE_SEGMENT, low, window), *_of(JobKind.LOCATE_SEGMENT, filters))
+            .group_by(_BUCKET, jobs.c.state)
         )
         rows = tuple(
-            SegmentCount(row.created_at, JobState(row.state), row.n_samples, row.n_fixes or 0)
+            SegmentCount(_start(window, row.bucket), JobState(row.state), row.n, row.n_samples, row.n_fixes)
             for row in self._read(statement)
         )
         return Read(rows, complete)
@@ -100,7 +123,6 @@ class SqlActivityRepository(Repository):
         low, complete = self._from(JobKind.LOCATE_SEGMENT, window, limit)
         on_session = Filters(filters.venue_id, None, filters.device_id, filters.method)
         columns = (
-            jobs.c.created_at,
             fixes.c.level_id,
             sessions.c.device_id,
             sessions.c.method,
@@ -113,17 +135,17 @@ class SqlActivityRepository(Repository):
             fixes.c.number < segments.c.first_fix + segments.c.n_fixes,
         )
         statement = (
-            select(*columns, func.count().label("n"))
+            select(_bucket(window), *columns, func.count().label("n"))
             .join(segments, _segment_of_job())
             .join(sessions, sessions.c.id == segments.c.session_id)
             .join(fixes, told)
             .where(*_in(JobKind.LOCATE_SEGMENT, low, window), *session_conditions(on_session))
-            .group_by(*columns)
+            .group_by(_BUCKET, *columns)
         )
         if filters.level_id is not None:
             statement = statement.where(fixes.c.level_id == filters.level_id)
         rows = tuple(
-            FixCount(row.created_at, row.level_id, row.device_id, row.method, row.status, row.sure, row.n)
+            FixCount(_start(window, row.bucket), row.level_id, row.device_id, row.method, row.status, row.sure, row.n)
             for row in self._read(statement)
         )
         return Read(rows, complete)
@@ -152,6 +174,18 @@ class SqlActivityRepository(Repository):
             return low, None
         complete = time_of(found) + _MILLISECOND
         return first_id("job", complete), complete
+
+
+def _bucket(window: Window) -> Label[int]:
+    """Which bucket since 1970 a job was accepted in; milliseconds in between, as some databases round to integers."""
+    if window.bucket is None:
+        return literal_column("0", Integer).label("bucket")
+    milliseconds = cast(extract("epoch", jobs.c.created_at) * 1000, BigInteger)
+    return (milliseconds // (1000 * (window.bucket.length // _SECOND))).label("bucket")
+
+
+def _start(window: Window, bucket: int) -> datetime:
+    return window.since if window.bucket is None else _EPOCH + bucket * window.bucket.length
 
 
 def _segment_of_job() -> ColumnElement[bool]:

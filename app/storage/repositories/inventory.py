@@ -40,10 +40,12 @@ _PARTS: Mapping[str, tuple[tuple[Table, tuple[str, ...]], ...]] = {
 }
 """Tables with blobs, by what they hold; everything else is small rows."""
 _ROW_BYTES: Mapping[str, tuple[Table, int]] = {
-    "fixes": (models.fixes, 190),
-    "jobs": (models.jobs, 560),
+    "fixes": (models.fixes, 180),
+    "fixed_lag_fixes": (models.lagged_fixes, 180),
+    "segment_rows": (models.segments, 245),
+    "jobs": (models.jobs, 520),
 }
-"""Tables of many small rows, with the bytes that a row takes in its table and indexes (SQLite, an hour of traffic)."""
+"""Tables of many small rows, with the bytes that a row takes in its table and indexes (2,000 segments in SQLite)."""
 
 
 def _of_sessions(column: Any) -> Any:

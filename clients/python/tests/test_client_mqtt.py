@@ -283,6 +283,16 @@ def test_the_pauses_grow_and_respect_retry_after() -> None:
     poster.close()
 
 
+def test_remarks_are_told_and_not_asked_for_again() -> None:
+    said: list[str] = []
+    transport = httpx.MockTransport(lambda _: httpx.Response(499, text="switch on the gyroscope"))
+    poster = Poster("http://s.test", {"*": "t"}, sleep=lambda _: True, transport=transport, say=said.append)
+    assert poster.post(message(0))
+    assert (poster.counts.remarked, poster.counts.taken, poster.counts.refused) == (1, 0, 0)
+    assert "gyroscope" in said[0]
+    poster.close()
+
+
 def test_a_stop_in_the_middle_acknowledges_nothing() -> None:
     transport = httpx.MockTransport(lambda _: httpx.Response(503))
     poster = Poster("http://s.test", {"*": "t"}, sleep=lambda _: True, transport=transport)

@@ -39,7 +39,7 @@ from tests.support.phones import (
 EXAMPLES = int(os.environ.get("ISODYN_TEST_EXAMPLES", "120"))
 """Of each test; more by hand: ISODYN_TEST_EXAMPLES=20000."""
 CALM = settings(
-    max_examples=EXAMPLES, deadline=1000, suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large]
+    max_examples=EXAMPLES, deadline=None, suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large]
 )
 READERS: dict[str, Callable[[bytes], Readings]] = {
     "message": lambda content: read_message(content).readings,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import struct
 import zipfile
 
 import numpy as np
@@ -221,6 +222,32 @@ HEAD = "time,seconds_elapsed,z,y,x\n"
 def test_what_is_wrong_with_a_file_is_said(content: bytes, words: str) -> None:
     with pytest.raises(FormatError, match=words):
         read_export(content)
+
+
+def far_away() -> bytes:
+    """An archive whose file begins, it says, at byte 2^64 - 10."""
+    content = zipped(Gravity=HEAD)
+    at, end = content.index(b"PK\x01\x02"), content.index(b"PK\x05\x06")
+    entry, tail = bytearray(content[at:end]), bytearray(content[end:])
+    extra = struct.pack("<HHQ", 1, 8, 2**64 - 10)
+    entry[42:46] = b"\xff" * 4
+    entry[30:32] = struct.pack("<H", len(extra))
+    entry += extra
+    tail[12:16] = struct.pack("<L", len(entry))
+    return content[:at] + bytes(entry) + bytes(tail)
+
+
+def test_uncommon_archives_are_refused() -> None:
+    unnamed = zipped(Gravity=HEAD).replace(b"Gravity.csv", b"\0ravity.csv")
+    with pytest.raises(InputError, match="damaged archive"):
+        read_export(unnamed)
+    with pytest.raises(InputError, match="damaged archive"):
+        read_export(far_away())
+    packed = io.BytesIO()
+    with zipfile.ZipFile(packed, "w", zipfile.ZIP_LZMA) as archive:
+        archive.writestr("Gravity.csv", HEAD)
+    with pytest.raises(InputError, match="uncommon way"):
+        read_export(packed.getvalue())
 
 
 def test_archives_are_bounded(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -8,7 +8,7 @@ import { kindName } from "./words.js";
 
 const PARTS = {
   segments: "Segments (samples)", walks: "Survey walks", map_tiles: "Map tiles", evidence: "Evidence of maps", tracker_states: "Tracker states",
-  plans: "Plans", fixes: "Fixes", jobs: "Jobs", database_file: "Database file", map_cache: "Cached maps", disk_free: "Free on the disk", disk_total: "Disk",
+  plans: "Plans", fixes: "Fixes", fixed_lag_fixes: "Fixed-lag fixes", segment_rows: "Segments (rows)", jobs: "Jobs", database_file: "Database file", map_cache: "Cached maps", disk_free: "Free on the disk", disk_total: "Disk",
 };
 const WINDOW = ["since", "bucket", "venue_id", "level_id", "device_id", "method"];
 const seconds = (value) => (value === null ? "–" : `${fixed(value)} s`);
@@ -16,8 +16,8 @@ const count = (head, get) => ({ head, number: true, cell: (row) => number(get(ro
 const words = (text) => h("p", { class: "soft" }, text);
 
 /**
- * Sections in order: path under /v1/stats, heading, the filters it takes, `extra` query, and `show(answer, context)`,
- * which gives nodes; context: {levelName(id), keep(chart)}.
+ * Sections in order: path under /v1/stats, heading, the filters it takes, whether it tells apart by something, and
+ * `show(answer, context)`, which gives nodes; context: {by: {head, name(row)}, keep(chart)}.
  */
 export const SECTIONS = [
   { name: "alarms", heading: "Alarms", takes: [], show: ({ items }) => alarmList(items, hrefOf) },
@@ -25,8 +25,8 @@ export const SECTIONS = [
   { name: "throughput", heading: "Throughput", takes: WINDOW, show: throughputChart },
   { name: "backlog", heading: "Backlog", takes: [], show: backlog },
   { name: "errors", heading: "Errors", takes: WINDOW, show: errors },
-  { name: "fixes", heading: "Fixes by what they claim", takes: WINDOW.filter((one) => one !== "bucket"), extra: { by: "level" }, show: fixes },
-  { name: "accuracy", heading: "Error budget", takes: WINDOW.filter((one) => one !== "bucket"), extra: { by: "level" }, show: accuracy },
+  { name: "fixes", heading: "Fixes by what they claim", takes: WINDOW.filter((one) => one !== "bucket"), told: true, show: fixes },
+  { name: "accuracy", heading: "Error budget", takes: WINDOW.filter((one) => one !== "bucket"), told: true, show: accuracy },
   { name: "levels", heading: "Levels", takes: ["since", "venue_id", "level_id"], show: levels },
   { name: "storage", heading: "Storage", takes: [], show: storage },
 ];
@@ -78,7 +78,7 @@ function fixes({ items }, context) {
   const share = (head, name) => ({ head, number: true, cell: (row) => percent(row[name] / row.n) });
   return table(
     [
-      { head: "Level", cell: (row) => context.levelName(row.level_id) },
+      { head: context.by.head, cell: (row) => context.by.name(row) },
       count("Fixes", (row) => row.n),
       { head: "Sure", number: true, cell: (row) => percent(row.sure_share) },
       share("ok", "ok"),
@@ -96,7 +96,7 @@ function accuracy({ items }, context) {
   if (!items.length) return empty("No known positions", "Send the places that devices passed at known times, and see how well the ellipses hold.", h("a", { href: "/docs" }, "POST /v1/sessions/{session_id}/ground-truth"));
   return table(
     [
-      { head: "Level", cell: (row) => context.levelName(row.level_id) },
+      { head: context.by.head, cell: (row) => context.by.name(row) },
       { head: "Fixes", cell: (row) => row.fixes },
       count("Places", (row) => row.n),
       { head: "p50", number: true, cell: (row) => metres(row.p50_m) },

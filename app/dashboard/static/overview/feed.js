@@ -15,19 +15,21 @@ export class LiveFeed {
     this.api = api;
     this.onchange = onchange;
     this.onstate = onstate;
-    /** Sessions by id, as the service tells them, with `heard`: when (ms of this page's clock). */
+    /** Sessions by id, as the service tells them. */
     this.sessions = new Map();
     this.#counts = [];
   }
 
   #counts;
+  #begun = performance.now();
   #timer = 0;
 
-  /** Positions told a second, over the last ten seconds. */
+  /** Positions told a second, over the last ten seconds or since the page was opened. */
   get rate() {
-    const from = performance.now() - RATE_S * 1000;
-    while (this.#counts.length && this.#counts[0] < from) this.#counts.shift();
-    return this.#counts.length / RATE_S;
+    const now = performance.now();
+    while (this.#counts.length && this.#counts[0] < now - RATE_S * 1000) this.#counts.shift();
+    const seconds = Math.min(RATE_S, (now - this.#begun) / 1000);
+    return seconds < 1 ? 0 : this.#counts.length / seconds;
   }
 
   /** Listen until the page is left. */
@@ -44,13 +46,13 @@ export class LiveFeed {
   }
 
   #snapshot(sessions) {
-    this.sessions = new Map(sessions.map((one) => [one.session_id, { ...one, heard: null }]));
+    this.sessions = new Map(sessions.map((one) => [one.session_id, one]));
     this.#soon();
   }
 
   #fix(session) {
     this.#counts.push(performance.now());
-    this.sessions.set(session.session_id, { ...session, heard: Date.now() });
+    this.sessions.set(session.session_id, session);
     this.#soon();
   }
 
@@ -65,7 +67,7 @@ export class LiveFeed {
     const session = await this.api.find(`/v1/sessions/${id}`);
     if (session === null || session.status === "closed" || this.sessions.has(id)) return;
     const { device_id, venue_id, level_id } = session;
-    this.sessions.set(id, { session_id: id, device_id, venue_id, level_id, ...UNKNOWN, heard: null });
+    this.sessions.set(id, { session_id: id, device_id, venue_id, level_id, ...UNKNOWN });
   }
 
   // Events come one by one, at times hundreds a second; nobody reads faster than this.

@@ -4,7 +4,7 @@ import { ago, fixed, h, replace, shortId } from "../ui.js";
 import { statusColour } from "./marks.js";
 
 const MOST_ROWS = 100;
-const HEADS = ["Session", "Device", "Level", "Position", "Status", "Told"];
+const HEADS = ["Session", "Device", "Level", "Position", "Status", "As of"];
 const BADGES = { accent: "good", warn: "warn", bad: "bad", fourth: "warn", soft: "" };
 
 /**
@@ -65,7 +65,7 @@ function makeRow({ session_id: id }, href) {
       write(badge, known ? `${one.status.replace("_", " ")}${one.sure ? ", sure" : ""}` : "no position yet");
       const kind = known ? BADGES[statusColour(one.status)] : "";
       if (badge.dataset.kind !== kind) { badge.dataset.kind = kind; badge.className = `badge ${kind}`; }
-      write(cells[5], one.heard ? ago(one.heard) : "before");
+      write(cells[5], known ? ago(one.t_ms) : "–");
     },
   };
 }

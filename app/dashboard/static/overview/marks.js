@@ -1,6 +1,7 @@
 // Sessions on a plan: a dot, where it goes, and how sure it is.
 
-import { colour } from "../theming.js";
+import { colour, onTheme } from "../theming.js";
+import { h } from "../ui.js";
 
 const CHI_95 = Math.sqrt(5.991);
 const DOT_PX = 4.5;
@@ -22,22 +23,52 @@ export function ellipse95({ cov_xx: xx, cov_xy: xy, cov_yy: yy }) {
   };
 }
 
-/** A layer of a PlanView; set `sessions` and redraw the view. */
-export function sessionsLayer() {
-  return {
-    visible: true,
-    sessions: [],
-    draw(context, view) {
-      // all of a colour in one path each: a path a session costs ten times as much
-      for (const [name, members] of byColour(this.sessions)) {
-        const style = colour(name);
-        context.fillStyle = style;
-        context.strokeStyle = style;
-        drawEllipses(context, view, members);
-        drawDots(context, view, members);
-      }
-    },
-  };
+/**
+ * Sessions over a PlanView, on a canvas of their own: they move several times a second, and the plan below need not be
+ * drawn again for that.
+ */
+export class SessionsOverlay {
+  constructor(view) {
+    this.view = view;
+    this.sessions = [];
+    this.canvas = h("canvas", { class: "overlay", "aria-hidden": "true" });
+    view.element.append(this.canvas);
+    view.onmove = () => this.redraw();
+    this.#untheme = onTheme(() => this.redraw());
+  }
+
+  #untheme;
+  #pending = 0;
+
+  /** Draw soon, once however often it is asked for. */
+  redraw() {
+    this.#pending ||= requestAnimationFrame(() => {
+      this.#pending = 0;
+      this.#draw();
+    });
+  }
+
+  destroy() {
+    cancelAnimationFrame(this.#pending);
+    this.#untheme();
+  }
+
+  #draw() {
+    const { width, height } = this.view.canvas;
+    const context = this.canvas.getContext("2d");
+    if (this.canvas.width !== width || this.canvas.height !== height) Object.assign(this.canvas, { width, height });
+    const ratio = width / this.view.size.width || 1;
+    context.setTransform(ratio, 0, 0, ratio, 0, 0);
+    context.clearRect(0, 0, this.view.size.width, this.view.size.height);
+    // all of a colour in one path each: a path a session costs ten times as much
+    for (const [name, members] of byColour(this.sessions)) {
+      const style = colour(name);
+      context.fillStyle = style;
+      context.strokeStyle = style;
+      drawEllipses(context, this.view, members);
+      drawDots(context, this.view, members);
+    }
+  }
 }
 
 function byColour(sessions) {

@@ -2,7 +2,7 @@
 
 import { levelPlan } from "../plans.js";
 import { h, replace, select } from "../ui.js";
-import { sessionsLayer } from "./marks.js";
+import { SessionsOverlay } from "./marks.js";
 
 /**
  * @param {object} app
@@ -13,18 +13,26 @@ export function livePlan(app, levels) {
   const place = h("div", { class: "live-plan" });
   const choice = h("div", {});
   const element = h("div", { class: "stack" }, choice, place);
-  const layer = sessionsLayer();
-  const state = { level: null, view: null, chosen: null, names: "", gone: false };
+  const state = { level: null, view: null, overlay: null, sessions: [], chosen: null, names: "", gone: false };
+
+  const end = () => { state.overlay?.destroy(); state.view?.destroy(); };
+
+  const draw = () => {
+    if (!state.overlay) return;
+    state.overlay.sessions = state.sessions.filter((one) => one.level_id === state.level);
+    state.overlay.redraw();
+  };
 
   const show = async (id) => {
     if (state.level === id) return;
     state.level = id;
     const view = await levelPlan(app, levels.get(id), { label: `Sessions on ${levels.get(id).name}` });
     if (state.level !== id || state.gone) return view.destroy();
-    state.view?.destroy();
+    end();
     state.view = view;
-    view.add(layer);
+    state.overlay = new SessionsOverlay(view);
     replace(place, view.element);
+    draw();
     return undefined;
   };
 
@@ -36,7 +44,6 @@ export function livePlan(app, levels) {
     state.names = names;
     replace(choice, select("Level", options, state.level, (id) => {
       state.chosen = id;
-      layer.sessions = [];
       show(id);
     }));
   };
@@ -47,14 +54,14 @@ export function livePlan(app, levels) {
       const busy = busiest(sessions, levels);
       const wanted = state.chosen ?? (state.level && busy.some(([id]) => id === state.level) ? state.level : busy[0]?.[0]);
       if (wanted) show(wanted);
-      layer.sessions = sessions.filter((one) => one.level_id === state.level);
-      state.view?.redraw();
+      state.sessions = sessions;
+      draw();
       if (busy.length) offer(withChosen(busy, state.level));
       element.hidden = state.level === null;
     },
     destroy() {
       state.gone = true;
-      state.view?.destroy();
+      end();
     },
   };
 }

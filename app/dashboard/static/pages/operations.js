@@ -12,15 +12,17 @@ const SPANS = {
   month: { text: "Last 30 days", ms: 30 * 86_400_000, bucket: "day" },
 };
 const FILTERS = ["venue_id", "level_id", "device_id", "method"];
+const APART = { level: ["Level", "level_id"], device: ["Device", "device_id"], method: ["Method", "method"] };
 
 export async function render(root, params, app) {
   const names = await loadNames(app);
   const chosen = { span: SPANS[app.query.get("span")] ? app.query.get("span") : "day" };
+  chosen.by = APART[app.query.get("by")] ? app.query.get("by") : "level";
   for (const name of FILTERS) chosen[name] = app.query.get(name);
   const charts = new Map();
   const cards = SECTIONS.map((section) => ({ section, body: h("div", { class: "stack" }) }));
   const draw = () => {
-    app.setQuery({ ...chosen, span: chosen.span === "day" ? null : chosen.span });
+    app.setQuery({ ...chosen, span: chosen.span === "day" ? null : chosen.span, by: chosen.by === "level" ? null : chosen.by });
     for (const { section, body } of cards) show(app, section, body, chosen, names, charts);
   };
   root.append(
@@ -60,6 +62,7 @@ function filters(chosen, names, draw) {
     { class: "card filters", "aria-label": "Filters" },
     select("Time", Object.entries(SPANS).map(([key, { text }]) => [key, text]), chosen.span, change("span")),
     FILTERS.map(one),
+    select("Fixes and errors by", Object.entries(APART).map(([key, [text]]) => [key, text]), chosen.by, change("by")),
   );
 }
 
@@ -67,7 +70,7 @@ function filters(chosen, names, draw) {
 function queryOf(section, chosen) {
   const span = SPANS[chosen.span];
   const all = { since: new Date(Date.now() - span.ms).toISOString(), bucket: span.bucket, ...chosen };
-  return { ...section.extra, ...Object.fromEntries(section.takes.map((name) => [name, all[name]])) };
+  return { by: section.told ? chosen.by : null, ...Object.fromEntries(section.takes.map((name) => [name, all[name]])) };
 }
 
 function show(app, section, body, chosen, names, charts) {
@@ -75,7 +78,7 @@ function show(app, section, body, chosen, names, charts) {
   const mine = [];
   charts.set(section, mine);
   const context = {
-    levelName: (id) => names.level_id.get(id) ?? id ?? "all",
+    by: apart(chosen.by, names),
     keep: (chart) => { mine.push(chart); return chart; },
   };
   fill(body, async () => {
@@ -85,6 +88,11 @@ function show(app, section, body, chosen, names, charts) {
       ? [h("p", { class: "badge warn" }, `Complete only since ${new Date(answer.complete_since).toLocaleString()}: more was stored than one question reads`), ...shown]
       : shown;
   });
+}
+
+function apart(by, names) {
+  const [head, column] = APART[by];
+  return { head, name: (row) => names[column].get(row[column]) ?? row[column] ?? "none named" };
 }
 
 function csvOf(app, section, chosen) {

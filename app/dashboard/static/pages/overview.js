@@ -19,7 +19,7 @@ const WEEK_MS = 7 * 86_400_000;
 export async function render(root, params, app) {
   const cleanups = [];
   const levels = new Map((await app.api.all("/v1/levels")).map((level) => [level.id, level]));
-  const figures = h("section", { class: "card" });
+  const figures = h("section", { class: "card overview-figures", "aria-label": "Figures" });
   root.append(h("div", { class: "page-head" }, h("h1", {}, "Overview")), figures);
   const tiles = figureTiles(figures, app);
   const grid = h("div", { class: "overview-grid" });
@@ -34,13 +34,13 @@ export async function render(root, params, app) {
 
 // Figures: a place each, filled by whoever knows it.
 function figureTiles(card, app) {
-  const names = { live: "live sessions", rate: "positions told a second" };
+  const names = { live: "live sessions", rate: "updates/s now" };
   if (app.account.may("admin")) {
-    Object.assign(names, { fixes: "fixes a second, last minute", queue: "segments waiting", inside: "known positions in 95 % ellipses (sure, 7 days)", error: "p90 error at known positions" });
+    Object.assign(names, { fixes: "fixes/s, last minute", queue: "segments waiting", inside: "of places in 95 % ellipses", error: "p90 error, 7 days" });
   }
   const tiles = Object.fromEntries(Object.entries(names).map(([key, name]) => [key, figure("–", name)]));
   const graph = h("div", { class: "spark-place" });
-  card.append(h("div", { class: "figures" }, Object.values(tiles), graph));
+  card.append(h("div", { class: "figures" }, Object.values(tiles)), graph);
   return {
     set(key, value) {
       const text = tiles[key]?.firstChild;
@@ -60,13 +60,20 @@ async function liveSection(grid, app, levels, tiles) {
   const state = h("span", { class: "badge", role: "status" }, "connecting");
   const body = h("div", { class: "stack" }, loading());
   grid.append(h("section", { class: "card", "aria-label": "Live" }, h("header", {}, h("h2", {}, "Live"), state), body));
+  let listed = -Infinity;
   const draw = (feed) => {
     const sessions = [...feed.sessions.values()].sort((a, b) => (a.session_id < b.session_id ? 1 : -1));
     tiles.set("live", number(sessions.length));
     tiles.set("rate", fixed(feed.rate));
     if (!sessions.length) return replace(body, empty("No session is open", "Open sessions appear here as soon as a device sends."));
-    if (!body.contains(list.element)) replace(body, plan.element, list.element);
+    if (!body.contains(list.element)) {
+      replace(body, plan.element, list.element);
+      listed = -Infinity;
+    }
     plan.update(sessions);
+    // dots move as told, words change no faster than one can read them
+    if (performance.now() - listed < TICK_MS * 0.9) return undefined;
+    listed = performance.now();
     list.update(sessions);
     return undefined;
   };

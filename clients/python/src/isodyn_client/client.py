@@ -10,7 +10,7 @@ from typing import Any, Concatenate, ParamSpec, Self, TypeVar
 
 import httpx
 
-from isodyn_client import endpoints, operations, phones, survey_files, tracks
+from isodyn_client import endpoints, ingest, live, operations, survey_files, tracks
 from isodyn_client import geofences as geofence_calls
 from isodyn_client import session_samples as sample_calls
 from isodyn_client import webhooks as webhook_calls
@@ -264,18 +264,8 @@ class Client:
     track = _call(tracks.track)
     session_samples = _call(sample_calls.session_samples)
     measured_profile = _call(sample_calls.measured_profile)
-
-    create_ingest_token = _call(phones.create_ingest_token)
-    ingest_tokens = _list(phones.ingest_tokens)
-    ingest_token = _call(phones.ingest_token)
-    revoke_ingest_token = _call(phones.revoke_ingest_token)
-    recordings = _list(phones.recordings)
-    recording = _call(phones.recording)
-    close_recording = _call(phones.close_recording)
-    set_recording_waypoints = _call(phones.set_recording_waypoints)
-    markers = _call(phones.markers)
-    set_markers = _call(phones.set_markers)
-
+    follow = live.follow
+    follow_all = live.follow_all
     replay = _call(endpoints.replay)
     locate = _call(endpoints.locate)
 
@@ -295,6 +285,17 @@ class Client:
     webhook_deliveries = _list(webhook_calls.webhook_deliveries)
     test_webhook = _call(webhook_calls.test_webhook)
     redeliver = _call(webhook_calls.redeliver)
+
+    create_ingest_token = _call(ingest.create_ingest_token)
+    ingest_token = _call(ingest.ingest_token)
+    ingest_tokens = _list(ingest.ingest_tokens)
+    revoke_ingest_token = _call(ingest.revoke_ingest_token)
+    recordings = _list(ingest.recordings)
+    recording = _call(ingest.recording)
+    close_recording = _call(ingest.close_recording)
+    set_recording_waypoints = _call(ingest.set_recording_waypoints)
+    markers = _call(ingest.markers)
+    set_markers = _call(ingest.set_markers)
 
     job = _call(endpoints.job)
     jobs = _list(endpoints.jobs)

@@ -22,7 +22,21 @@ export function buildButton(app, level, current, onbuilt) {
       button.disabled = false;
     }
   };
+  resume(app, level, button, place, onbuilt);
   return { button, place };
+}
+
+// A build that was ordered before this page was opened is followed too.
+async function resume(app, level, button, place, onbuilt) {
+  for (const state of ["running", "queued"]) {
+    const { items } = await app.api.get("/v1/jobs", { kind: "build_map", state, limit: 100 });
+    const job = items.find((one) => one.subject.level_id === level.id);
+    if (!job) continue;
+    button.disabled = true;
+    await follow(app, job, place, onbuilt);
+    button.disabled = false;
+    return;
+  }
 }
 
 function orderForm(app, level, current, close) {

@@ -94,7 +94,7 @@ export class Comparison {
   }
 
   async #swipe() {
-    const [then, now] = await Promise.all([this.then, this.now].map((map) => this.stage.rasters.get(map, "mean", "total")));
+    const [then, now] = await Promise.all([this.then, this.now].map((map) => this.stage.rasters.get(map, "mean", { channel: "total" })));
     const range = { low: Math.min(then.low, now.low), high: Math.max(then.high, now.high) };
     return () => {
       this.swipe = swipeLayer(Stage.picture({ ...then, ...range }), Stage.picture({ ...now, ...range }), this.share);

@@ -5,7 +5,7 @@ import { contourPath } from "../../contours.js";
 import { heatImage, legend, rasterExtent, roundSteps, valueAt } from "../../heat.js";
 import { h, number, problem, replace, select, toggle, unit } from "../../ui.js";
 import { contourLayer } from "./overlays.js";
-import { QUANTITIES, Rasters, channelsOf } from "./quantities.js";
+import { HEADINGS, QUANTITIES, Rasters, channelsOf } from "./quantities.js";
 
 const NOTHING = "none";
 
@@ -22,6 +22,7 @@ export class Stage {
     this.shown = null;
     this.what = app.query.get("show") ?? "mean";
     this.channel = app.query.get("channel") ?? "total";
+    this.heading = "0";
     this.heat = null;
     this.contours = null;
     this.wantsContours = false;
@@ -49,14 +50,17 @@ export class Stage {
     const turn = ++this.#turn;
     replace(this.trouble);
     const began = performance.now();
+    this.view.element.setAttribute("aria-busy", "true");
     try {
-      const shown = this.map && this.what !== NOTHING ? await this.rasters.get(this.map, this.what, this.channel) : null;
+      const shown = this.map && this.what !== NOTHING ? await this.rasters.get(this.map, this.what, this) : null;
       if (turn === this.#turn) this.#put(shown);
       if (shown) afterDrawing(() => performance.measure("isodyn.map", { start: began, detail: { nodes: shown.raster.values.length } }));
     } catch (error) {
       if (error.name === "AbortError" || turn !== this.#turn) return;
       this.#put(null);
       replace(this.trouble, problem(error));
+    } finally {
+      if (turn === this.#turn) this.view.element.removeAttribute("aria-busy");
     }
   }
 
@@ -115,14 +119,22 @@ export class Stage {
       this.app.setQuery({ channel: name });
       this.refresh();
     });
-    component.hidden = !QUANTITIES[this.what]?.channels;
+    const heading = select("Heading", HEADINGS, this.heading, (name) => {
+      this.heading = name;
+      this.refresh();
+    });
+    const only = () => {
+      component.hidden = !QUANTITIES[this.what]?.channels;
+      heading.hidden = !QUANTITIES[this.what]?.headings;
+    };
+    only();
     const show = select("Show", shows, this.what, (name) => {
       this.what = name;
-      component.hidden = !QUANTITIES[name]?.channels;
+      only();
       this.app.setQuery({ show: name });
       this.refresh();
     });
-    return replace(this.controls, show, component, toggle("Contours", this.wantsContours, (on) => {
+    return replace(this.controls, show, component, heading, toggle("Contours", this.wantsContours, (on) => {
       this.wantsContours = on;
       this.#contour();
     }));

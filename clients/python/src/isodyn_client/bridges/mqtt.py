@@ -28,6 +28,8 @@ MAX_WAITING = 1000
 acknowledged."""
 ANY_DEVICE = "*"
 _PORTS = {"mqtt": 1883, "mqtts": 8883, "ws": 8000, "wss": 8884}
+_REMARK = 499
+"""With words for the person with the phone: a message that is of no use, or that was stored and lacks something."""
 _PASSING = frozenset({408, 425, 429, 500, 502, 503, 504})
 
 
@@ -71,6 +73,7 @@ class Counts:
     """What became of the messages."""
 
     taken: int = 0
+    remarked: int = 0
     refused: int = 0
     lost: int = 0
     retries: int = 0
@@ -137,6 +140,10 @@ class Poster:
             status, words, asked_for = self._once(token, payload)
             if 200 <= status < 300:
                 self.counts.taken += 1
+                return True
+            if status == _REMARK:
+                self.counts.remarked += 1
+                self._say(f"the service says: {words}")
                 return True
             if status and status not in _PASSING:
                 self._refuse(f"the service refused a message: {status} {words}")
