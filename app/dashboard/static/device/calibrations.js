@@ -1,9 +1,8 @@
 // What sessions and walks taught about a device, epoch by epoch of its platform's own calibration.
 
-import { withSpread } from "../session/cards.js";
-import { ago, confirm, dateTime, facts, fixed, h, icon, number, replace, toast, toastError } from "../ui.js";
+import { calibrationFacts } from "../session/cards.js";
+import { ago, confirm, dateTime, h, icon, number, replace, toast, toastError } from "../ui.js";
 
-const SIDES = ["Forward", "Left", "Up"];
 const SOURCES = { device: "from its own memory", model: "from others of its model", none: "nothing: it starts as a new device" };
 
 /** The card; forgetting asks first. */
@@ -14,7 +13,7 @@ export function calibrationsCard(app, device) {
     replace(
       body,
       h("p", {}, "The next session starts ", h("b", {}, SOURCES[start.source]), start.epoch && ` (epoch ${start.epoch})`, "."),
-      known.calibrations.length === 0 && start.calibration && offsets(start.calibration),
+      known.calibrations.length === 0 && start.calibration && calibrationFacts(start.calibration),
       known.calibrations.map(epoch),
       known.calibrations.length > 0 && h("div", { class: "actions" }, h("button", { type: "button", class: "danger", onclick: forget }, icon("trash"), "Forget")),
     );
@@ -47,15 +46,6 @@ function epoch(one) {
     { class: "epoch" },
     h("h3", {}, one.epoch ? `Epoch ${one.epoch}` : "Without an epoch"),
     h("p", { class: "soft small" }, `From ${from}, `, h("time", { datetime: one.updated_at, title: dateTime(one.updated_at) }, ago(one.updated_at))),
-    offsets(one),
+    calibrationFacts(one),
   );
-}
-
-function offsets(one) {
-  const largest = Math.max(...one.soft_iron.map(Math.abs));
-  return facts([
-    ...SIDES.map((side, i) => [`${side}, µT`, withSpread(one.offset[i], one.offset_sd[i])]),
-    ["Stride", withSpread(one.stride_scale, one.stride_scale_sd, 2)],
-    ["Soft iron, largest", `${fixed(100 * largest, 1)}\u202f%`],
-  ]);
 }

@@ -88,6 +88,7 @@ class SessionPage {
 
   #show(i) {
     const fix = this.log.fix(i);
+    this.stage.following = this.player.following || this.player.playing;
     this.stage.show(i).catch(toastError);
     this.places.update(this.log.hypotheses(i));
     if (fix) this.profile.setNow(fix.t_ms);
@@ -108,7 +109,7 @@ class SessionPage {
       fixes: (page) => { this.log.append(page); this.#grown(); },
       session: (session) => this.#closed(session),
     }, {
-      lastId: this.log.last,
+      lastId: this.log.length ? this.log.last : null,
       signal: AbortSignal.any([this.app.signal, this.#ended.signal]),
       onstate: (now) => { if (this.session.status === "open") this.#setState(now === "open" ? "live" : "reconnecting", now === "open" ? "good" : "warn"); },
     });

@@ -36,14 +36,14 @@ class SessionsPage {
     const pick = (label, name, options) => select(label, options, this.chosen[name], (value) => this.#choose({ [name]: value }));
     this.element = h(
       "div",
-      { class: "stack" },
+      { class: "stack sessions" },
       h(
         "div",
         { class: "page-head" },
         h("h1", {}, "Sessions"),
         h(
           "div",
-          { class: "filters" },
+          { class: "filters wide" },
           pick("Show", "status", STATES),
           pick("Venue", "venue_id", [["", "All venues"], ...venues.map((one) => [one.id, one.name])]),
           pick("Level", "level_id", levelOptions(names, "All levels")),

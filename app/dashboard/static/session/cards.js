@@ -8,7 +8,7 @@ import {
 const TRACKS = [["geojson", "GeoJSON", ".geojson"], ["mf-json", "MF-JSON", ".mf.json"], ["gpx", "GPX", ".gpx"], ["csv", "CSV", ".csv"]];
 const KINDS = [["filtered", "as told then"], ["fixed_lag", "told 5 s later"], ["smoothed", "smoothed"]];
 const RAW = [["csv", "CSV"], ["msgpack", "MessagePack"]];
-const SIDES = ["forward", "left", "up"];
+const SIDES = ["Forward", "Left", "Up"];
 
 /** What was said when the session was opened. */
 export function aboutCard(session, { venue, device }) {
@@ -31,19 +31,21 @@ export function calibrationCard(session, profile) {
   const rows = [["At the start", session.calibration], ["Learned by now", learned]].filter(([, one]) => one);
   const body = rows.length === 0
     ? h("p", { class: "soft" }, "Nothing is known yet: it takes some metres, and a turn.")
-    : table(
-      [
-        { head: "", cell: ([name]) => name },
-        ...SIDES.map((side, i) => ({ head: `${side}, µT`, number: true, cell: ([, one]) => withSpread(one.offset[i], one.offset_sd[i]) })),
-        { head: "stride", number: true, cell: ([, one]) => withSpread(one.stride_scale, one.stride_scale_sd, 2) },
-      ],
-      rows,
-      { caption: "What the device adds to the field, and the carrier’s stride" },
-    );
+    : rows.map(([name, one]) => h("div", {}, h("h3", {}, name), calibrationFacts(one)));
   return card("Device calibration", body);
 }
 
-export function withSpread(value, spread, decimals = 1) {
+/** Offsets of a levelled device and its carrier's stride, with their standard deviations. */
+export function calibrationFacts(one) {
+  const largest = Math.max(...one.soft_iron.map(Math.abs));
+  return facts([
+    ...SIDES.map((side, i) => [`${side}, µT`, withSpread(one.offset[i], one.offset_sd[i])]),
+    ["Stride", withSpread(one.stride_scale, one.stride_scale_sd, 2)],
+    ["Soft iron, largest", percent(largest, 1)],
+  ]);
+}
+
+function withSpread(value, spread, decimals = 1) {
   return `${fixed(value, decimals)} ± ${fixed(spread, decimals)}`;
 }
 

@@ -39,15 +39,26 @@ export class FixLog {
     return low - 1;
   }
 
+  /** Where positions were claimed on a level, with so many metres around it; null: nowhere. */
+  extent(levelId, margin) {
+    const { x, y, level_id, status } = this.columns;
+    const here = x.map((_, i) => i).filter((i) => level_id[i] === levelId && status[i] === CLAIMS);
+    if (!here.length) return null;
+    const [xs, ys] = [here.map((i) => x[i]), here.map((i) => y[i])];
+    const least = (values) => values.reduce((a, b) => Math.min(a, b)) - margin;
+    const most = (values) => values.reduce((a, b) => Math.max(a, b)) + margin;
+    return { x_min: least(xs), x_max: most(xs), y_min: least(ys), y_max: most(ys) };
+  }
+
   /** One fix as an object; null for -1. */
   fix(i) {
     return i < 0 ? null : Object.fromEntries(Object.entries(this.columns).map(([name, column]) => [name, column[i]]));
   }
 
-  /** The hypotheses told last with or before fix i, while it is ambiguous. */
+  /** The hypotheses told last with or before fix i (they come with the last fix of a segment), while none is claimed. */
   hypotheses(i) {
     const { status, hypotheses } = this.columns;
-    for (let k = i; k >= 0 && status[k] === "ambiguous"; k -= 1) if (hypotheses[k]?.length) return hypotheses[k];
+    for (let k = i; k >= 0 && status[k] !== CLAIMS; k -= 1) if (hypotheses[k]?.length) return hypotheses[k];
     return [];
   }
 

@@ -33,6 +33,8 @@ export class Player {
     this.#label();
   }
 
+  get playing() { return Boolean(this.timer); }
+
   /** New fixes are there. */
   grown() {
     this.slider.max = Math.max(0.1, (this.log.end - this.log.start) / 1000);
@@ -110,7 +112,7 @@ export class Player {
   }
 
   #label() {
-    const on = Boolean(this.timer);
+    const on = this.playing;
     replace(this.button, icon(on ? "pause" : "play"), on ? "Pause" : "Play");
     this.liveButton.setAttribute("aria-pressed", String(this.following));
   }

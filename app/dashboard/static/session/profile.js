@@ -82,13 +82,10 @@ export class ProfileCard {
   #traces() {
     const [measured, mapped, sd] = ["measured", "mapped", "sd"].map((part) => this.data[part][this.channel]);
     const x = this.data.t_ms.map((t) => this.#seconds(t));
-    const edge = (sign) => mapped.map((value, i) => (value === null ? null : value + sign * sd[i]));
-    const band = { x, mode: "lines", line: { width: 0 }, hoverinfo: "skip", connectgaps: false, showlegend: false };
     return [
-      { ...band, y: edge(-1), name: "low" },
-      { ...band, y: edge(1), name: "map ± its and a reading's deviation", fill: "tonexty", fillcolor: "rgba(120, 140, 140, 0.22)" },
-      { x, y: mapped, name: "map", mode: "lines", line: { width: 1.6, dash: "dot" } },
       { x, y: measured, name: "measured", mode: "lines", line: { width: 1.8 } },
+      { x, y: mapped, name: "map", mode: "lines", line: { width: 1.6, dash: "dot" } },
+      { ...band(x, mapped, sd), mode: "lines", line: { width: 0 }, name: "map ± deviation", fill: "toself", fillcolor: "rgba(120, 140, 140, 0.22)", hoverinfo: "skip" },
     ];
   }
 
@@ -111,4 +108,20 @@ export class ProfileCard {
     const known = this.data.calibration ? "" : " What the device itself adds is not known yet.";
     return `Typically ${unit(middle, "µT")} apart; ${percent(within)} within two deviations.${known}`;
   }
+}
+
+// Outlines of the stretches where the map is known: along their lower edge and back along the upper one.
+function band(x, mapped, sd) {
+  const outline = { x: [], y: [] };
+  for (let from = 0; from < x.length; from += 1) {
+    if (mapped[from] === null) continue;
+    let to = from;
+    while (to + 1 < x.length && mapped[to + 1] !== null) to += 1;
+    for (let i = from; i <= to; i += 1) { outline.x.push(x[i]); outline.y.push(mapped[i] - sd[i]); }
+    for (let i = to; i >= from; i -= 1) { outline.x.push(x[i]); outline.y.push(mapped[i] + sd[i]); }
+    outline.x.push(null);
+    outline.y.push(null);
+    from = to;
+  }
+  return outline;
 }

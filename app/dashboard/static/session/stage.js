@@ -8,7 +8,8 @@ import { levelPlan } from "../plans.js";
 import { h, replace, toastError, toggle } from "../ui.js";
 import { nowLayer, smoothedLayer, trackLayer, truthLayer } from "./layers.js";
 
-const FIELD_ALPHA = 0.7;
+const FIELD_ALPHA = 0.6;
+const MARGIN_M = 8;
 
 /** Plan, layers and the switches of what is shown. */
 export class SessionStage {
@@ -22,6 +23,8 @@ export class SessionStage {
     this.levelId = null;
     this.view = null;
     this.withField = true;
+    /** Whether the view moves along. */
+    this.following = false;
     this.caption = h("h2", {});
     this.place = h("div", {});
     this.key = h("div", {});
@@ -41,7 +44,7 @@ export class SessionStage {
     this.now.hypotheses = this.log.hypotheses(i);
     const levelId = fix?.level_id ?? this.levelId ?? this.session.level_id ?? this.session.maps[0]?.level_id;
     if (levelId && levelId !== this.levelId) await this.#open(levelId);
-    if (this.following && fix && this.view) this.view.reveal(fix.x, fix.y);
+    if (this.following && fix?.status === "ok" && this.view) this.view.reveal(fix.x, fix.y);
     this.view?.redraw();
   }
 
@@ -72,9 +75,20 @@ export class SessionStage {
     for (const layer of this.#layers) this.#put(layer);
     replace(this.caption, h("a", { href: `#/levels/${level.id}` }, level.name));
     replace(this.place, view.element);
+    this.#fitSoon(view);
     this.#showField();
     this.#fences(view, levelId);
     return undefined;
+  }
+
+  // The track, not the building: a walk of twenty metres is a dot in it. A view has its size after the next frame.
+  #fitSoon(view) {
+    if (view !== this.view || this.#gone) return;
+    if (!view.size.width) requestAnimationFrame(() => this.#fitSoon(view));
+    else {
+      const extent = this.log.extent(this.levelId, MARGIN_M);
+      if (extent) view.fit(extent);
+    }
   }
 
   #put(layer) {
@@ -88,7 +102,7 @@ export class SessionStage {
     if (!this.withField) return replace(this.key);
     const [view, used] = [this.view, this.session.maps.find((one) => one.level_id === this.levelId)];
     if (!used) return undefined;
-    const shown = await this.rasters.get({ id: used.map_id }, "mean", "total");
+    const shown = await this.rasters.get({ id: used.map_id }, "mean", { channel: "total" });
     if (view !== this.view || !this.withField) return undefined;
     replace(this.key, legend({ label: "Field of the map", ...shown }));
     if (this.field) return undefined;
