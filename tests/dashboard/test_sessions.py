@@ -20,6 +20,7 @@ from tests.dashboard.floors import Floor
 from tests.dashboard.test_overview import CROWD, LEAST_FRAMES, LONG_SHARE, MEASURE, N_LIVE, SECONDS
 from tests.dashboard.traffic import walk_sessions
 from tests.e2e.service import Service
+from tests.workers.polling import eventually
 
 
 @pytest.fixture(scope="module")
@@ -151,9 +152,7 @@ def test_a_session_is_seen_as_it_goes(dashboard: Dashboard, service: Service, fl
         seen = reading.inner_text()
         before = float(str(slider.get_attribute("max")))
         session.send(parts[3], wait=30.0)
-        page.wait_for_function(
-            "(before) => Number(document.querySelector('.player input[type=range]').max) > before", arg=before
-        )
+        eventually(lambda: float(str(slider.get_attribute("max"))) > before)
         assert reading.inner_text() == seen
         page.get_by_role("button", name="Live").click()
         newest = session.positions()

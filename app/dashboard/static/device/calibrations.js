@@ -3,7 +3,7 @@
 import { calibrationFacts } from "../session/cards.js";
 import { ago, confirm, dateTime, h, icon, number, replace, toast, toastError } from "../ui.js";
 
-const SOURCES = { device: "from its own memory", model: "from others of its model", none: "nothing: it starts as a new device" };
+const SOURCES = { device: "with what it remembers", model: "with what others of its model have in common", none: "as a new device" };
 
 /** The card; forgetting asks first. */
 export function calibrationsCard(app, device) {
