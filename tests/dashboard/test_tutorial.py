@@ -119,7 +119,7 @@ class Album:
     def take(self, name: str) -> None:
         if self.folder is None:
             return
-        self.page.evaluate("scrollTo(0, 0)")
+        self.page.evaluate("document.querySelectorAll('.toast').forEach((one) => one.remove()); scrollTo(0, 0)")
         shot = Image.open(io.BytesIO(self.page.screenshot()))
         path = Path(self.folder) / f"survey-{name}.png"
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -222,6 +222,7 @@ def test_a_floor_is_surveyed_in_an_afternoon(page: Page, empty: Service) -> None
         expect(page.get_by_role("heading", name="Ada’s phone", level=1)).to_be_visible()
         push(empty, url, one.walk, one.names, f"walk-{i}")
         end_recording(page)
+        expect(page.get_by_role("link", name="1 walk").first).to_be_visible()
         if i == 0:
             album.take("recording")
         empty.await_all_jobs()

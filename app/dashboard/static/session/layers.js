@@ -29,7 +29,7 @@ export function trackLayer(log) {
         if (name !== "sure" && name !== "ok") { drawDots(context, view, log.columns, from, to, style); continue; }
         context.beginPath();
         for (let i = from; i <= to; i += 1) context.lineTo(...view.pixel(x[i], y[i]));
-        for (const [ground, width] of [["plan-ground", 5], [null, 2.4]]) {
+        for (const [ground, width] of [["plan-ground", 6.5], [null, 3]]) {
           context.setLineDash(ground || name === "sure" ? [] : [5, 4]);
           context.strokeStyle = ground ? colour(ground) : style;
           context.lineWidth = width;
