@@ -167,6 +167,6 @@ def _state(client: Client, level_id: str) -> Iterator[str]:
         f"map {newest.id} version {newest.version}: {newest.n_walks} walks, {newest.mapped_area_m2:.0f} m2 mapped, "
         f"{100 * quality.coverage.mapped_share:.0f} % covered{hoped}"
     )
-    for one in client.survey_suggestions(newest.id, count=_SHOWN_STRETCHES).suggestions:
-        (ax, ay), (bx, by) = one.start, one.end
-        yield f"  walk next: {ax:.0f},{ay:.0f} to {bx:.0f},{by:.0f} ({one.words})"
+    for line in client.survey_suggestions(newest.id, count=_SHOWN_STRETCHES).suggestions:
+        (ax, ay), (bx, by) = line.start, line.end
+        yield f"  walk next: {ax:.0f},{ay:.0f} to {bx:.0f},{by:.0f} ({line.words})"
