@@ -15,9 +15,6 @@ from tests.e2e.service import Service
 
 _FAILED_LOAD = re.compile(r"Failed to load resource: the server responded with a status of (\d+)")
 
-NOT_THERE_YET = ((404, "/v1/levels/.*/markers"), (404, "/v1/geofences"))
-"""Calls that pages try and do without: parts of the API that a version of the service may lack."""
-
 
 @dataclass
 class Watch:
@@ -25,7 +22,7 @@ class Watch:
 
     host: str
     faults: list[str] = field(default_factory=list)
-    expected: list[tuple[int, str]] = field(default_factory=lambda: list(NOT_THERE_YET))
+    expected: list[tuple[int, str]] = field(default_factory=list)
     may_lose_requests: bool = False
     """Whether requests without any answer are part of the test."""
 

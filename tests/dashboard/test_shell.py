@@ -98,11 +98,11 @@ def test_text_stands_out_from_its_ground(dashboard: Dashboard, scheme: Literal["
 
 
 def test_a_revoked_key_leads_back_to_the_door(dashboard: Dashboard, service: Service) -> None:
-    dashboard.expect(401, "/v1/venues")
+    dashboard.expect(401, "/v1/.*")
     made = service.post("/v1/keys", {"name": "short-lived", "scopes": ["survey"]})
     page = dashboard.open("/nowhere", key=made["secret"])
     assert service.request("DELETE", f"/v1/keys/{made['id']}").status_code == 204
-    page.get_by_role("link", name="To the venues").click()
+    page.get_by_role("link", name="To the overview").click()
     expect(page.get_by_label("API key")).to_be_visible()
     expect(page.get_by_role("alert")).to_contain_text("A valid API key is needed")
 

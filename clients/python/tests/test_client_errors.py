@@ -91,7 +91,8 @@ def test_refusals_of_something_in_between(service: FakeService) -> None:
 
 
 def test_the_tree_in_the_docstring_is_the_tree() -> None:
-    classes = {value for value in vars(errors).values() if isinstance(value, type) and issubclass(value, IsodynError)}
+    values = [*vars(errors).values(), *vars(isodyn_client).values()]
+    classes = {value for value in values if isinstance(value, type) and issubclass(value, IsodynError)}
     drawn = [line for line in (errors.__doc__ or "").splitlines() if line.strip().startswith(("├", "│", "└"))]
     found = {}
     for line in drawn:
