@@ -79,6 +79,7 @@ def test_a_phone_is_connected_and_revoked(
     row = page.get_by_role("region", name="Phones").get_by_role("row").filter(has_text="Ada's phone")
     expect(row).to_contain_text("to be located, site1 · F2")
     expect(row).to_contain_text("never")
+    expect(page.locator("dialog")).to_have_count(0)
     assert url.rpartition("/")[2] not in page.content()
     page.get_by_role("button", name="Revoke Ada's phone").click()
     page.get_by_role("dialog").get_by_role("button", name="Revoke").click()

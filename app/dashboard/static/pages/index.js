@@ -17,6 +17,8 @@ export const pages = [
   { path: "/surveys/:survey_id", scope: "survey", under: "/surveys", load: () => import("./survey.js") },
   { path: "/contributions", name: "Contributions", icon: "check", group: "Maps", nav: true, scope: "survey", load: () => import("./contributions.js") },
   { path: "/levels/:level_id", scope: null, under: "/venues", load: () => import("./level.js") },
+  { path: "/geofences", name: "Geofences", icon: "fence", group: "Places", nav: true, scope: null, load: () => import("./geofences.js") },
+  { path: "/webhooks", name: "Webhooks", icon: "link", group: "Service", nav: true, scope: "admin", load: () => import("./webhooks.js") },
   { path: "/operations", name: "Operations", icon: "chart", group: "Service", nav: true, scope: "admin", load: () => import("./operations.js") },
   { path: "/keys", name: "Keys", icon: "key", group: "Service", nav: true, scope: "admin", load: () => import("./keys.js") },
 ];
