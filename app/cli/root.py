@@ -26,6 +26,7 @@ from app.cli import (
     serve,
     sessions,
     stream,
+    survey_guide,
     surveys,
     tracks,
     versions,
@@ -47,6 +48,8 @@ app.command("serve")(serve.serve)
 app.command("demo")(demo.demo)
 surveys.app.command("export")(exchange.export_survey)
 surveys.app.command("import")(exchange.import_survey)
+surveys.app.command("start")(survey_guide.start)
+surveys.app.command("watch")(survey_guide.watch)
 maps.app.command("import")(exchange.import_map)
 app.add_typer(surveys.app, name="survey")
 app.add_typer(maps.app, name="map")

@@ -28,6 +28,7 @@ from app.services.ports import Executor, JobListener, MapCache, UnitOfWorkFactor
 from app.services.processing import ProcessingService
 from app.services.replays import ReplayService
 from app.services.search import SearchService
+from app.services.session_samples import SessionSamplesService
 from app.services.sessions import SessionService
 from app.services.stats import StatsService
 from app.services.surveys import SurveyService
@@ -62,6 +63,7 @@ class Services:
     locate: LocateService
     trajectories: TrajectoryService
     tracks: TrackService
+    session_samples: SessionSamplesService
     replays: ReplayService
     jobs: JobService
     processing: ProcessingService
@@ -129,6 +131,7 @@ def build_services(
         locate=LocateService(uow=uow, clock=clock, executor=executor, cache=cache, task=locate_task, check=check),
         trajectories=trajectories,
         tracks=TrackService(uow=uow, clock=clock, trajectories=trajectories),
+        session_samples=SessionSamplesService(uow=uow, clock=clock, cache=cache),
         replays=ReplayService(uow=uow, clock=clock, executor=executor, cache=cache, task=replay_task),
         jobs=JobService(uow=uow, clock=clock, listener=listener),
         processing=ProcessingService(uow=uow, clock=clock, cache=cache),

@@ -99,6 +99,8 @@ TABLE = {
     "GET /v1/sessions/{session_id}/positions": LOCATE,
     "GET /v1/sessions/{session_id}/trajectory": LOCATE,
     "GET /v1/sessions/{session_id}/track": LOCATE,
+    "GET /v1/sessions/{session_id}/samples": LOCATE,
+    "GET /v1/sessions/{session_id}/profile": LOCATE,
     "POST /v1/sessions/{session_id}/replay": LOCATE,
     "POST /v1/sessions/{session_id}/ground-truth": LOCATE,
     "GET /v1/sessions/{session_id}/ground-truth": LOCATE,

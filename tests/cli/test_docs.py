@@ -28,6 +28,7 @@ PAGES = [
         "docs/how-it-works.md",
         "docs/uncertainty.md",
         "docs/surveying.md",
+        "docs/tutorial-survey.md",
         "docs/maps.md",
         "docs/exchange.md",
         "docs/geofences.md",

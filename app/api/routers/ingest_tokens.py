@@ -11,6 +11,7 @@ from app.api.auth import has_scope, needs
 from app.api.deps import KeyDep, ServicesDep
 from app.api.ingest import settings_of, url_of
 from app.api.pagination import PagingDep, link_next
+from app.api.qr_codes import qr_svg, qr_text
 from app.api.responses import OBJECT, guarded
 from app.api.routing import api_router
 from app.api.schemas.ingest import IngestTokenIn, IngestTokenOut, IngestTokenPage, NewIngestTokenOut
@@ -43,7 +44,8 @@ def create_ingest_token(
     response.headers["Cache-Control"] = "no-store"
     shown = IngestTokenOut.of(made.token).model_dump()
     url = url_of(str(request.base_url), made.token.app, made.secret)
-    return NewIngestTokenOut(**shown, token=made.secret, url=url, settings=settings_of(made.token))
+    told = {"token": made.secret, "url": url, "qr_svg": qr_svg(qr_text(made.token.app, url))}
+    return NewIngestTokenOut(**shown, **told, settings=settings_of(made.token))
 
 
 @router.get(

@@ -155,12 +155,14 @@ class NewIngestTokenOut(IngestTokenOut):
             **_TOKEN,
             "token": _SECRET,
             "url": f"https://isodyn.example.org/v1/ingest/sensor-logger/{_SECRET}",
+            "qr_svg": '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 53 53"></svg>',
             "settings": ["Data Streaming: Enable HTTP Push"],
         }
     )
 
     token: str
     url: Annotated[str, Field(description="What the app is to be given.")]
+    qr_svg: Annotated[str, Field(description="The address as a QR code, an SVG picture, black on white.")]
     settings: Annotated[list[str], Field(description="What to choose in the app.")]
 
 

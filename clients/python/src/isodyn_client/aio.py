@@ -12,6 +12,7 @@ import httpx
 
 from isodyn_client import endpoints, ingest, live, operations, survey_files, tracks
 from isodyn_client import geofences as geofence_calls
+from isodyn_client import session_samples as sample_calls
 from isodyn_client import webhooks as webhook_calls
 from isodyn_client.aids import Aids
 from isodyn_client.calls import Call, Listing
@@ -255,6 +256,8 @@ class AsyncClient:
     positions_geojson = _call(endpoints.positions_geojson)
     trajectory = _call(endpoints.trajectory)
     track = _call(tracks.track)
+    session_samples = _call(sample_calls.session_samples)
+    measured_profile = _call(sample_calls.measured_profile)
     follow = live.async_follow
     follow_all = live.async_follow_all
     replay = _call(endpoints.replay)

@@ -12,6 +12,7 @@ import httpx
 
 from isodyn_client import endpoints, ingest, live, operations, survey_files, tracks
 from isodyn_client import geofences as geofence_calls
+from isodyn_client import session_samples as sample_calls
 from isodyn_client import webhooks as webhook_calls
 from isodyn_client.aids import Aids
 from isodyn_client.calls import Call, Listing
@@ -261,6 +262,8 @@ class Client:
     positions_geojson = _call(endpoints.positions_geojson)
     trajectory = _call(endpoints.trajectory)
     track = _call(tracks.track)
+    session_samples = _call(sample_calls.session_samples)
+    measured_profile = _call(sample_calls.measured_profile)
     follow = live.follow
     follow_all = live.follow_all
     replay = _call(endpoints.replay)
