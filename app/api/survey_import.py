@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
+from dataclasses import replace
 
 from app.api.body import MSGPACK
 from app.api.deps import Context
@@ -19,7 +20,9 @@ from app.api.uploads import new_walk, parse
 from app.api.validation import FieldError
 from app.engine.errors import InputError
 from app.engine.types import SurveyWalk
-from app.exchange.surveys import FileChoices, Findings, SurveyFormat, read_recording, walk_body
+from app.exchange.phones.places import marker_key
+from app.exchange.survey_formats import FileChoices, SurveyFormat, read_recording
+from app.exchange.surveys import Findings, walk_body
 from app.services.exchange import refused
 from app.services.records import Level, NewWalk, Walk
 
@@ -46,6 +49,8 @@ def import_recording(
     level = services.venues.get_level(services.surveys.get(survey_id).level_id)
     anchor = services.venues.get(level.venue_id).anchor
     findings = Findings()
+    markers = {marker_key(one.name): (one.x, one.y) for one in services.recordings.markers(level.id)}
+    choices = replace(choices, markers=markers)
     try:
         found = list(read_recording(content, kind, choices, None if anchor is None else anchor.plane(), findings))
     except InputError as error:

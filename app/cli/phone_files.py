@@ -16,9 +16,10 @@ from app.cli.errors import InputFileError
 from app.engine.errors import InputError
 from app.engine.types import SurveyWalk
 from app.exchange.phones.files import FileChoices, PhoneFormat, Trip, format_of, read_trip
-from app.exchange.phones.places import read_markers, waypoints_of
+from app.exchange.phones.places import read_markers
+from app.exchange.phones.survey_walks import phone_walks as survey_walks
 from app.exchange.surveys import Findings
-from app.exchange.surveys.recording import MAX_GAP_S, MIN_RATE_HZ, Recording, walks_of
+from app.exchange.surveys.recording import MAX_GAP_S, MIN_RATE_HZ
 
 if TYPE_CHECKING:
     from isodyn_client import Session
@@ -27,7 +28,6 @@ PHONES = frozenset({PhoneFormat.SENSOR_LOGGER.value, PhoneFormat.PHYPHOX.value})
 """Formats of surveys that are read here; GetSensorData has positions of its own."""
 MAX_FILE = 512 * 2**20
 WAIT_S = 30.0
-_SHOWN = 5
 
 
 def phone_walks(
@@ -36,16 +36,8 @@ def phone_walks(
     """Survey walks of a recording: annotations that name positions or markers are its waypoints."""
     from app.cli.survey_files import clean_name
 
-    trip = read_trip(_content(file), kind, choices, findings)
-    samples = trip.assembled.samples
     known = {} if markers is None else read_markers(_content(markers))
-    waypoints, others = waypoints_of(trip.assembled.annotations, known)
-    if others:
-        shown = ", ".join(repr(text[:40]) for text in others[:_SHOWN])
-        more = f" and {len(others) - _SHOWN} more" if len(others) > _SHOWN else ""
-        findings.skipped.append(f"annotations that name neither x,y nor a marker: {shown}{more}")
-    if samples is not None:
-        yield from walks_of(Recording(clean_name(file.stem), samples, waypoints), None, findings)
+    yield from survey_walks(_content(file), kind, clean_name(file.stem), choices, known, findings)
 
 
 def _content(file: Path) -> bytes:

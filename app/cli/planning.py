@@ -28,6 +28,7 @@ class Layer(StrEnum):
     COVERAGE = "coverage"
     CONFLICT = "conflict"
     SOURCES = "sources"
+    AGE = "age"
 
 
 @reported
@@ -41,7 +42,8 @@ def quality(
         typer.Option(
             help="Of --out. mean_error, worst_error: expected error over all directions, metres; error, along, across:"
             " of the direction that --heading names; coverage: 1 mapped, 0 not; conflict: how far walks"
-            " disagree, about 1 where they agree; sources: how many walks were there."
+            " disagree, about 1 where they agree; sources: how many walks were there; age: days from"
+            " the newest of them to the making of the map."
         ),
     ] = Layer.MEAN_ERROR,
     heading: Annotated[

@@ -11,6 +11,7 @@ from threading import Lock
 import numpy as np
 
 from app.engine.mapping import MapModel
+from app.engine.mapping.age import newest_evidence
 from app.engine.mapping.forecast import HEADINGS_DEG, AccuracyForecast, WalkerErrors, forecast_accuracy
 from app.engine.mapping.outlook import RouteOutlook, route_outlook
 from app.engine.mapping.quality import (
@@ -44,10 +45,12 @@ class QualityLayer(StrEnum):
     COVERAGE = "coverage"
     CONFLICT = "conflict"
     SOURCES = "sources"
+    AGE = "age"
 
 
 HEADING_LAYERS = frozenset({QualityLayer.ERROR, QualityLayer.ALONG, QualityLayer.ACROSS})
 EVIDENCE_LAYERS = frozenset({QualityLayer.CONFLICT, QualityLayer.SOURCES})
+_DAY_S = 86_400.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,6 +146,8 @@ class PlanningService:
         """
         _check_heading(layer, heading_deg)
         grid = self._maps.grid(map_id)
+        if layer is QualityLayer.AGE:
+            return self._age(map_id, grid)
         if layer in EVIDENCE_LAYERS:
             return _conflict_raster(self._conflicts(map_id, grid), map_id, layer)
         if layer is QualityLayer.COVERAGE:
@@ -183,6 +188,16 @@ class PlanningService:
     def _accuracy(self, map_id: str) -> AccuracyForecast:
         with self._lock:
             return self._kept(map_id)
+
+    def _age(self, map_id: str, grid: GridMap) -> QualityRaster:
+        """Days from the newest evidence of each metre to the making of the map: a version never changes."""
+        evidence = self._maps.evidence(map_id)
+        if evidence is None:
+            raise NoEvidenceError(map_id)
+        newest = newest_evidence(grid, evidence)
+        days = (self._maps.get(map_id).created_at.timestamp() - newest.t) / _DAY_S
+        half = 0.5 * newest.cell_m
+        return QualityRaster(days.astype(np.float32), newest.x0 + half, newest.y0 + half, newest.cell_m)
 
     def _conflicts(self, map_id: str, grid: GridMap) -> ConflictView | None:
         evidence = self._maps.evidence(map_id)

@@ -14,6 +14,7 @@ import pytest
 from app.exchange.surveys import survey_archive
 from tests.api.harness import ANCHOR, Api
 from tests.exchange.recordings import WALK, csv_of, log_of, plain_csv
+from tests.support.phones import sensor_logger_zip
 
 BYTES = {"Content-Type": "application/octet-stream"}
 
@@ -138,3 +139,20 @@ def test_tracks_of_one_survey_come_in_pages(api: Api, survey_id: str) -> None:
     assert (one["name"], two["name"], second["next_cursor"]) == ("one", "two", None)
     np.testing.assert_allclose(np.subtract(two["y"], one["y"]), 1.0, atol=2e-3)
     assert api.get(path, params={"survey_id": "srv_none"}).status_code == 404
+
+
+def test_a_phones_export_is_read_with_the_markers_of_the_level(api: Api) -> None:
+    level = api.level()
+    survey_id = str(api.ok("POST", "/v1/surveys", json={"level_id": level.id, "name": "phones"})["id"])
+    places = [(float(x), float(y)) for x, y in zip(WALK.waypoints.x, WALK.waypoints.y, strict=True)]
+    names = [f"M{i}" for i in range(len(places))]
+    markers = [{"name": name, "x": x, "y": y} for name, (x, y) in zip(names, places, strict=True)]
+    api.ok("PUT", f"/v1/levels/{level.id}/markers", json={"markers": markers})
+    export = sensor_logger_zip(WALK.samples, WALK.waypoints, labels=[name.lower() for name in names])
+    (walk,) = report(api, survey_id, export, format="sensor-logger", name="phone")["walks"]
+    assert (walk["fate"], walk["n_waypoints"], walk["reasons"]) == ("new", len(places), [])
+    np.testing.assert_allclose(walk["x"], WALK.waypoints.x)
+    unnamed = sensor_logger_zip(WALK.samples, WALK.waypoints, labels=["?"] * len(places))
+    told = report(api, survey_id, unnamed, format="sensor-logger", dry_run="true")
+    assert told["walks"] == []
+    assert any("neither x,y nor a marker" in words for words in told["skipped"])

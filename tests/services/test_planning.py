@@ -121,7 +121,16 @@ def test_a_forecast_of_a_map_is_computed_once(world: World, monkeypatch: pytest.
     assert len(calls) == 1
 
 
-@pytest.mark.parametrize("layer", [QualityLayer.CONFLICT, QualityLayer.SOURCES])
+def test_age_is_that_of_the_newest_evidence_when_the_map_was_made(world: World) -> None:
+    map_id = _map_id(world)
+    made = world.services.maps.get(map_id).created_at.timestamp()
+    raster = _with_evidence(world, made - 3.0 * 86_400.0).raster(map_id, QualityLayer.AGE)
+    known = np.isfinite(raster.values)
+    assert 30 < known.sum() < 100  # a line of some 60 m, in cells of a metre
+    np.testing.assert_allclose(raster.values[known], 3.0, rtol=1e-5)
+
+
+@pytest.mark.parametrize("layer", [QualityLayer.CONFLICT, QualityLayer.SOURCES, QualityLayer.AGE])
 def test_maps_without_evidence_cannot_tell_conflicts(
     world: World, layer: QualityLayer, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -20,7 +20,7 @@ from app.api.schemas.exchange import Line
 from app.api.schemas.samples import Frame
 from app.api.schemas.survey_files import SurveyImportOut
 from app.api.survey_import import import_recording, pairs_of
-from app.exchange.surveys import FileChoices, SurveyFormat
+from app.exchange.survey_formats import FileChoices, SurveyFormat
 from app.services.records import Scope
 
 router = api_router("surveys")
@@ -45,7 +45,8 @@ async def _import_of(
         SurveyFormat,
         Query(
             description="`archive`: as `GET /v1/surveys/{survey_id}/export` sends it. `csv`: a row a sample. "
-            "`getsensordata`: a log of that application."
+            "`getsensordata`: a log of that application. `sensor-logger`, `phyphox`: exports; annotations at markers "
+            "of the level (or with level metres as their text) are the waypoints."
         ),
     ],
     name: Annotated[Line, Query(description="Of the walks, if the file does not name them.")] = "walk",

@@ -174,6 +174,7 @@ LAYER_WORDS: Mapping[QualityLayer, str] = {
     QualityLayer.COVERAGE: "1 mapped, 0 walkable but not mapped",
     QualityLayer.CONFLICT: "variance between sources over their noise, 1 m cells",
     QualityLayer.SOURCES: "number of sources, 1 m cells",
+    QualityLayer.AGE: "days from the newest evidence to the making of the map, 1 m cells",
 }
 
 Point = Annotated[list[float], Field(min_length=2, max_length=2, description="x, y in level metres.")]

@@ -5,7 +5,7 @@ import { ApiError } from "../api.js";
 
 const FORMATS = [
   ["", "By its name"], ["walk", "Walk as the API takes it"], ["archive", "Survey archive (.zip)"],
-  ["csv", "CSV, a row a sample"], ["getsensordata", "GetSensorData log"],
+  ["csv", "CSV, a row a sample"], ["getsensordata", "GetSensorData log"], ["sensor-logger", "Sensor Logger export"], ["phyphox", "phyphox export"],
 ];
 const BY_SUFFIX = { json: "walk", msgpack: "walk", zip: "archive", csv: "csv", tsv: "csv", txt: "getsensordata", log: "getsensordata" };
 const UNITS = [["", "As the file says"], ["uT", "µT"], ["nT", "nT"], ["mT", "mT"], ["gauss", "gauss"]];
@@ -74,7 +74,7 @@ function dropZone(take) {
     },
     icon("upload"),
     h("span", {}, h("b", {}, "Drop recordings here"), " or choose files"),
-    h("small", { class: "soft" }, "Walks (.json, .msgpack), archives (.zip), CSV, GetSensorData logs (.txt)"),
+    h("small", { class: "soft" }, "Walks (.json, .msgpack), archives (.zip), CSV, GetSensorData logs (.txt); exports of Sensor Logger and phyphox: choose the format"),
   );
   return h("div", { class: "drop-box" }, input, zone);
 }

@@ -417,7 +417,8 @@ def quality_raster(map_id: str, layer: str = "mean_error", *, heading_deg: int |
     """One layer of a map's quality as a numpy array, NaN where there is nothing to say.
 
     Layers are ``mean_error``, ``worst_error``, ``error``, ``along``, ``across`` (metres; the last three of one heading:
-    0, 45, ... 315), ``coverage``, ``conflict`` and ``sources``.
+    0, 45, ... 315), ``coverage``, ``conflict``, ``sources`` and ``age`` (days from the newest evidence to the making
+    of the map).
     """
     params = present({"layer": layer, "heading_deg": heading_deg, "format": "f32"})
     return Call("GET", f"/v1/maps/{map_id}/quality/raster", _as_raster, params=params)

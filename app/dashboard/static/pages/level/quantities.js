@@ -34,8 +34,18 @@ export const QUANTITIES = {
   across: { words: "Expected error across the way", unit: "m", headings: true, load: headed("across"), colours: TABLES.grade, range: fromZero },
   coverage: { words: "Coverage of the walkable space", unit: "", load: quality("coverage"), colours: [...TABLES.grade].reverse(), range: () => ({ low: 0, high: 1 }), value: (v) => (v > 0.5 ? "mapped" : "walkable, not mapped") },
   conflict: { words: "Conflict between walks, variance over noise", unit: "", load: quality("conflict"), colours: TABLES.grade, range: fromZero },
+  age: { words: "Age of the newest evidence", unit: "days", load: aged, colours: TABLES.grade, range: fromZero },
   sources: { words: "Number of walks", unit: "", load: quality("sources"), range: fromZero },
 };
+
+const DAY_MS = 86_400_000;
+
+// The API tells how old evidence was when the map was made: versions never change. Here it is as of today.
+async function aged(api, map, choice) {
+  const raster = await quality("age")(api, map, choice);
+  const since = (Date.now() - Date.parse(map.created_at)) / DAY_MS;
+  return { ...raster, values: raster.values.map((days) => days + since) };
+}
 
 function fromZero(values) {
   return { low: 0, high: colourRange(values).high };

@@ -9,6 +9,10 @@ from enum import StrEnum
 
 from app.engine.geodesy import TangentPlane
 from app.engine.types import SurveyWalk
+from app.exchange.phones import files as phone_files
+from app.exchange.phones.files import PhoneFormat
+from app.exchange.phones.places import Markers
+from app.exchange.phones.survey_walks import phone_walks
 from app.exchange.surveys.archive import read_archive
 from app.exchange.surveys.csv_file import CsvChoices, read_csv
 from app.exchange.surveys.getsensordata import LogChoices, read_getsensordata
@@ -21,6 +25,11 @@ class SurveyFormat(StrEnum):
     ARCHIVE = "archive"
     CSV = "csv"
     GETSENSORDATA = "getsensordata"
+    SENSOR_LOGGER = "sensor-logger"
+    PHYPHOX = "phyphox"
+
+
+PHONES = frozenset({SurveyFormat.SENSOR_LOGGER, SurveyFormat.PHYPHOX})
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,6 +45,8 @@ class FileChoices:
         Unix seconds.
     columns, units : mapping
         Of CSV only.
+    markers : mapping
+        Of phones only: named places, as :mod:`app.exchange.phones.places` takes them.
     """
 
     name: str = "walk"
@@ -43,6 +54,7 @@ class FileChoices:
     start_s: float | None = None
     columns: Mapping[str, str] = field(default_factory=dict)
     units: Mapping[str, str] = field(default_factory=dict)
+    markers: Markers = field(default_factory=dict)
 
 
 def read_recording(
@@ -71,6 +83,9 @@ def read_recording(
     if kind is SurveyFormat.CSV:
         of_csv = CsvChoices(choices.columns, choices.units, choices.floor, choices.start_s)
         return read_csv(source, choices.name, of_csv, plane, findings)
+    if kind in PHONES:
+        of_phone = phone_files.FileChoices(start_s=choices.start_s)
+        return phone_walks(content, PhoneFormat(kind.value), choices.name, of_phone, choices.markers, findings)
     log = LogChoices(choices.floor, start_s=choices.start_s)
     return read_getsensordata(source, choices.name, log, plane, findings)
 
