@@ -21,6 +21,7 @@ from app.services.stats_records import (
     LastHeard,
     LevelRow,
 )
+from app.services.webhook_records import Delivery
 
 PER_RULE = 20
 """A rule names at most so many subjects."""
@@ -54,6 +55,8 @@ class Facts:
     quarantined: Sequence[tuple[str, int]] = ()
     changes: Sequence[LastingChange] = ()
     heard: Sequence[LastHeard] = ()
+    unsent: Sequence[Delivery] = ()
+    """The oldest message of each webhook that waits."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -180,6 +183,15 @@ def _field_changed(facts: Facts, square_metres: float) -> Iterable[Finding]:
             yield Finding(change.level_id, f"the field changed for good at {where}", change.created_at)
 
 
+def _webhook_failing(facts: Facts, minutes: float) -> Iterable[Finding]:
+    for one in facts.unsent:
+        if facts.now - one.created_at > timedelta(minutes=minutes):
+            why = one.last_error or (f"status {one.last_status}" if one.last_status else "not tried yet")
+            yield Finding(
+                one.webhook_id, f"{one.attempts} attempts to send one message; the last: {why}", one.created_at
+            )
+
+
 def _device_silent(facts: Facts, minutes: float) -> Iterable[Finding]:
     for one in facts.heard:
         if one.device_id is not None and timedelta(minutes=minutes) < facts.now - one.last_at <= _ABANDONED:
@@ -303,6 +315,14 @@ RULES: tuple[Rule, ...] = (
         1,
         "the map has it already; see GET /v1/changes, and survey the place if it matters",
         _field_changed,
+    ),
+    Rule(
+        "webhook-failing",
+        Severity.WARNING,
+        "a webhook's oldest message has waited for more than 15 min",
+        15,
+        "see GET /v1/webhooks/{webhook_id}/deliveries; mend the address, or pause the webhook",
+        _webhook_failing,
     ),
     Rule(
         "device-silent",

@@ -16,6 +16,7 @@ _POINTS = 20_000
 _LEVELS = 500
 _SESSIONS = 1000
 _CHANGES = 100
+_WEBHOOKS = 100
 
 
 class AlarmService(Service):
@@ -52,5 +53,6 @@ class AlarmService(Service):
             building=frozenset(level_id for level_id in behind if uow.jobs.is_pending(level_id)),
             quarantined=sorted(uow.inventory.quarantined(week.since).items()),
             changes=uow.inventory.changes(week.since, limit=_CHANGES),
+            unsent=uow.webhooks.oldest_pending(limit=_WEBHOOKS),
             heard=uow.inventory.open_sessions(limit=_SESSIONS),
         )

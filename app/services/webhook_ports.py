@@ -60,6 +60,10 @@ class WebhookRepository(Protocol):
         """The oldest pending delivery of each active webhook, if its time has come, but of those ``without``."""
         ...
 
+    def oldest_pending(self, *, limit: int) -> Sequence[Delivery]:
+        """The oldest pending delivery of each active webhook, due or not, the oldest first."""
+        ...
+
     def settle(self, delivery: Delivery) -> bool:
         """Store what came of an attempt; False if the delivery is not pending in the attempt before any more."""
         ...

@@ -15,6 +15,7 @@ from app.services.stats_records import (
     LastHeard,
     LevelRow,
 )
+from app.services.webhook_records import Delivery, DeliveryState, WebhookEvent
 from tests.support.builders import START
 
 QUIET = Facts(now=START)
@@ -42,6 +43,24 @@ def queue(kind: JobKind, seconds: float) -> Facts:
 
 def heard(ago: timedelta, device_id: str | None = "dev_1") -> Facts:
     return replace(QUIET, heard=[LastHeard("ses_1", device_id, START - ago)])
+
+
+def unsent(ago: timedelta) -> Facts:
+    message = Delivery(
+        id="whd_1",
+        webhook_id="whk_1",
+        event_id="gev_1",
+        event=WebhookEvent.GEOFENCE_ENTER,
+        body="{}",
+        state=DeliveryState.PENDING,
+        attempts=4,
+        next_attempt_at=START,
+        last_attempt_at=START,
+        last_status=500,
+        last_error=None,
+        created_at=START - ago,
+    )
+    return replace(QUIET, unsent=[message])
 
 
 CASES = [
@@ -77,6 +96,7 @@ CASES = [
     ),
     ("contributions-conflict", replace(QUIET, quarantined=[("lvl_1", 3)]), replace(QUIET, quarantined=[("lvl_1", 2)])),
     ("field-changed", replace(QUIET, changes=[CHANGE]), replace(QUIET, changes=[replace(CHANGE, area_m2=0.5)])),
+    ("webhook-failing", unsent(timedelta(minutes=16)), unsent(timedelta(minutes=14))),
     ("device-silent", heard(timedelta(minutes=11)), heard(timedelta(minutes=9))),
     ("sessions-abandoned", heard(timedelta(days=2)), heard(timedelta(hours=23), None)),
 ]

@@ -202,6 +202,18 @@ def test_old_deliveries_are_forgotten_but_none_that_waits(world: World) -> None:
     assert [one.id for one in world.services.webhooks.deliveries(webhook.id).items] == [second.id]
 
 
+def test_a_message_that_waits_for_long_is_an_alarm_until_it_is_sent(world: World) -> None:
+    webhook, first = with_message(world)
+    assert world.services.alarms.now() == ()
+    tried = outbox(world).settle(first, REFUSED)
+    world.clock.now += timedelta(minutes=16)
+    (alarm,) = world.services.alarms.now()
+    assert (alarm.rule, alarm.subject) == ("webhook-failing", webhook.id)
+    assert "answered 500" in alarm.message
+    outbox(world).settle(tried, OK)
+    assert world.services.alarms.now() == ()
+
+
 def test_secrets_are_long_and_differ(world: World) -> None:
     one, two = hook(world), hook(world)
     assert one.secret != two.secret

@@ -89,6 +89,18 @@ class SqlWebhookRepository(Repository):
         hooks = {one.webhook_id: self.get(one.webhook_id) for one in found}
         return [(hooks[one.webhook_id], one) for one in found]
 
+    def oldest_pending(self, *, limit: int) -> Sequence[Delivery]:
+        """The oldest pending delivery of each active webhook, due or not, the oldest first."""
+        waiting = (
+            select(webhook_deliveries)
+            .select_from(webhooks)
+            .join(webhook_deliveries, webhook_deliveries.c.id == _FIRST_PENDING)
+            .where(webhooks.c.active)
+            .order_by(webhook_deliveries.c.id)
+            .limit(limit)
+        )
+        return tuple(_delivery(row) for row in self._read(waiting))
+
     def settle(self, delivery: Delivery) -> bool:
         """Store what came of an attempt; False if the delivery is not pending in the attempt before any more."""
         before = (webhook_deliveries.c.state == DeliveryState.PENDING) & (
