@@ -24,7 +24,7 @@ from app.settings import LogLevel
 METRICS_CONTENT_TYPE = CONTENT_TYPE_LATEST
 
 _SECRET_NAMES = frozenset({"authorization", "x-api-key", "api_key", "apikey", "secret", "password", "cookie", "token"})
-_SECRET_VALUE = re.compile(r"isk_[\w-]+|whsec_[\w-]+|(?i:bearer\s+)[\w.~+/-]+=*")
+_SECRET_VALUE = re.compile(r"is[ik]_[\w-]+|whsec_[\w-]+|(?i:bearer\s+)[\w.~+/-]+=*")
 _MASK = "***"
 
 

@@ -161,6 +161,15 @@ async def authenticate(keys: KeyCache, secret: str) -> ApiKey:
     return key
 
 
+async def is_known(keys: KeyCache, secret: str) -> bool:
+    """Whether a secret is that of a key still: streams outlive revocations."""
+    try:
+        await authenticate(keys, secret)
+    except UnauthorizedError:
+        return False
+    return True
+
+
 def secret_of(request: HTTPConnection) -> str:
     """Return the secret that the headers of a request (or of a WebSocket's handshake) hold."""
     scheme, _, credentials = request.headers.get("authorization", "").partition(" ")

@@ -18,14 +18,13 @@ from app.api.deps import Context
 from app.api.errors import (
     INTERNAL,
     BodyTooLargeError,
-    MalformedBodyError,
     RateLimitedError,
     UnauthorizedError,
     problem_of,
 )
 from app.api.ports import Watch
 from app.api.schemas.samples import SegmentIn
-from app.api.streams import PING_S, fixes_object, open_watch, session_object
+from app.api.streams import PING_S, STALLED_S, fixes_object, open_watch, session_object
 from app.api.uploads import new_segment, parse
 from app.services.errors import ForbiddenError, InvalidError
 from app.services.records import Accepted, ApiKey, Scope
@@ -33,6 +32,7 @@ from app.services.records import Accepted, ApiKey, Scope
 AUTH_S = 10.0
 """How long a client may take to send its key, if the handshake had none."""
 OVER, RESTART = 1000, 1012
+_GONE = 1006
 REFUSED = 4000
 """Plus the HTTP status: why the service ended the connection."""
 _MAX_CONTROL = 4096
@@ -54,7 +54,7 @@ class Duplex:
         """Serve the connection."""
         await self.socket.accept()
         try:
-            key = await self._key()
+            secret = await self._secret()
             watch = open_watch(self.context, self.session_id)
         except (WebSocketDisconnect, TimeoutError):
             return
@@ -62,43 +62,57 @@ class Duplex:
             await self._refuse(error)
             return
         try:
-            await self._serve(key, watch)
+            await self._serve(secret, watch)
         finally:
             watch.cancel()
 
-    async def _serve(self, key: ApiKey, watch: Watch) -> None:
+    async def _serve(self, secret: str, watch: Watch) -> None:
         try:
             session = await run_in_threadpool(self.context.services.sessions.get, self.session_id)
         except Exception as error:  # noqa: BLE001 - as above
             await self._refuse(error)
             return
         await self._send("ready", session_id=session.id, next_seq=session.next_seq, after=self.after)
-        down = asyncio.create_task(self._down(watch))
-        up = asyncio.create_task(self._up(key))
+        down = asyncio.create_task(self._down(secret, watch))
+        up = asyncio.create_task(self._up(secret))
         done, pending = await asyncio.wait({down, up}, return_when=asyncio.FIRST_COMPLETED)
         for task in pending:
             task.cancel()
         await asyncio.gather(*pending, return_exceptions=True)
         with contextlib.suppress(WebSocketDisconnect):
             for task in done:
-                task.result()
+                await self._end(task)
 
-    async def _key(self) -> ApiKey:
+    async def _end(self, task: asyncio.Task[None]) -> None:
+        try:
+            task.result()
+        except UnauthorizedError as error:
+            await self._refuse(error)
+
+    async def _secret(self) -> str:
+        """The secret of a key that may come in."""
         headers = self.socket.headers
         if "authorization" in headers or "x-api-key" in headers:
             secret = secret_of(self.socket)
         else:
-            first = await asyncio.wait_for(self.socket.receive_text(), AUTH_S)
-            secret = _first_key(first)
+            secret = _first_key(await asyncio.wait_for(self._first_text(), AUTH_S))
         key = await authenticate(self.context.keys, secret)
         if not has_scope(key, Scope.LOCATE):
             raise ForbiddenError(Scope.LOCATE.value)
         self._count(key)
-        return key
+        return secret
 
-    async def _down(self, watch: Watch) -> None:
-        """Tell every position above ``after`` once, in order."""
+    async def _first_text(self) -> str | None:
+        message = await self.socket.receive()
+        if message["type"] == "websocket.disconnect":
+            raise WebSocketDisconnect(message["code"])
+        text: str | None = message.get("text")
+        return text
+
+    async def _down(self, secret: str, watch: Watch) -> None:
+        """Tell every position above ``after`` once, in order, for as long as the key is good."""
         while not watch.closed:
+            await authenticate(self.context.keys, secret)
             news = await run_in_threadpool(self.context.services.live.news, self.session_id, self.after)
             if news.positions:
                 await self._send("fixes", **fixes_object(news))
@@ -111,37 +125,36 @@ class Duplex:
                 await watch.wait(PING_S)
         await self.socket.close(RESTART, "the service restarts; connect again")
 
-    async def _up(self, key: ApiKey) -> None:
+    async def _up(self, secret: str) -> None:
         """Take segments, one after the other: who sends faster than they are stored is held back by the socket."""
         while True:
             message = await self.socket.receive()
             if message["type"] == "websocket.disconnect":
                 return
-            data, text = message.get("bytes"), message.get("text")
-            if text is not None and len(text) <= _MAX_CONTROL and await self._control(text):
-                continue
-            body, kind = (data, MSGPACK) if data is not None else ((text or "").encode(), JSON)
+            key = await authenticate(self.context.keys, secret)
             try:
                 self._count(key)
-                accepted = await run_in_threadpool(self._accept, body, kind)
+                await self._take(message.get("bytes"), message.get("text"))
+            except WebSocketDisconnect:
+                raise
             except Exception as error:  # noqa: BLE001 - as for a request: every error becomes a problem for the client
                 await self._problem(error)
-            else:
-                await self._send("accepted", seq=accepted.segment.seq, repeated=accepted.repeated)
+
+    async def _take(self, data: bytes | None, text: str | None) -> None:
+        if text is not None and len(text) <= _MAX_CONTROL and await self._control(text):
+            return
+        body, kind = (data, MSGPACK) if data is not None else ((text or "").encode(), JSON)
+        accepted = await run_in_threadpool(self._accept, body, kind)
+        await self._send("accepted", seq=accepted.segment.seq, repeated=accepted.repeated)
 
     async def _control(self, text: str) -> bool:
         """Do what a short text asks for; False if it is a segment."""
-        try:
-            value = decode_json(text.encode())
-        except MalformedBodyError as error:
-            await self._problem(error)
-            return True
+        value = decode_json(text.encode())
         if isinstance(value, dict) and "type" not in value:
             return False
-        if isinstance(value, dict) and value.get("type") == "close":
-            await run_in_threadpool(self.context.services.sessions.close, self.session_id)
-        else:
-            await self._problem(InvalidError("type", "is not known here", 'send a segment, or {"type": "close"}'))
+        if not isinstance(value, dict) or value.get("type") != "close":
+            raise InvalidError("type", "is not known here", 'send a segment, or {"type": "close"}')
+        await run_in_threadpool(self.context.services.sessions.close, self.session_id)
         return True
 
     def _accept(self, body: bytes, kind: str) -> Accepted:
@@ -170,11 +183,15 @@ class Duplex:
 
     async def _send(self, kind: str, **values: Any) -> None:
         async with self._sending:
-            await self.socket.send_text(orjson.dumps({"type": kind, **values}).decode())
+            try:
+                async with asyncio.timeout(STALLED_S):
+                    await self.socket.send_text(orjson.dumps({"type": kind, **values}).decode())
+            except TimeoutError:
+                raise WebSocketDisconnect(_GONE, "takes nothing any more") from None
 
 
-def _first_key(text: str) -> str:
-    value = decode_json(text[:_MAX_CONTROL].encode())
+def _first_key(text: str | None) -> str:
+    value = None if text is None else decode_json(text[:_MAX_CONTROL].encode())
     secret = value.get("key") if isinstance(value, dict) and value.get("type") == "auth" else None
     if not isinstance(secret, str) or not secret:
         raise UnauthorizedError('send a key in the handshake\'s headers, or {"type": "auth", "key": ...} first')

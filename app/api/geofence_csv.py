@@ -41,6 +41,6 @@ def events_csv(events: Iterable[GeofenceEvent]) -> bytes:
 
 def _cell(value: object) -> object:
     # a name that begins like a formula would be one to a spreadsheet
-    if isinstance(value, str) and value.startswith(("=", "+", "-", "@")):
+    if isinstance(value, str) and value.startswith(("=", "+", "-", "@", "\t", "\r")):
         return f"'{value}"
     return "" if value is None else value

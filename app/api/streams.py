@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 from collections.abc import AsyncIterator, Sequence
 from typing import Any
 
@@ -11,7 +12,9 @@ from fastapi import Response
 from fastapi.responses import StreamingResponse
 from fastapi.sse import KEEPALIVE_COMMENT, format_sse_event
 from starlette.concurrency import run_in_threadpool
+from starlette.types import Message, Send
 
+from app.api.auth import is_known
 from app.api.deps import Context
 from app.api.ports import Watch
 from app.api.schemas.fixes import heading_deg, t_ms
@@ -25,6 +28,8 @@ from app.services.records import LastKnown, SessionStatus
 EVENT_STREAM = "text/event-stream"
 PING_S = 15.0
 """Silence after which a comment is sent, so that nobody between takes the connection for dead."""
+STALLED_S = 60.0
+"""A reader that takes nothing for so long is let go."""
 GATHER_S = 0.05
 """Changes of many sessions are gathered so long: one query and one write for all of them."""
 RETRY_AFTER_S = 5.0
@@ -44,13 +49,30 @@ def open_watch(context: Context, session_id: str | None = None) -> Watch:
 def answer(events: Events) -> Response:
     """A stream that nobody between caches, gathers or changes."""
     headers = {"Cache-Control": "no-store, no-transform", "X-Accel-Buffering": "no"}
-    return StreamingResponse(events, media_type=EVENT_STREAM, headers=headers)
+    return EventResponse(events, media_type=EVENT_STREAM, headers=headers)
 
 
-async def session_events(context: Context, watch: Watch, session_id: str, after: int, kind: FixKind) -> Events:
+class EventResponse(StreamingResponse):
+    """A stream that ends when its reader stalls: one that never reads would keep its place among the streams."""
+
+    async def stream_response(self, send: Send) -> None:
+        """Send events while they are taken."""
+
+        async def sent(message: Message) -> None:
+            async with asyncio.timeout(STALLED_S):
+                await send(message)
+
+        with contextlib.suppress(TimeoutError):
+            async with contextlib.aclosing(self.body_iterator):  # type: ignore[type-var]
+                await super().stream_response(sent)
+
+
+async def session_events(
+    context: Context, watch: Watch, secret: str, session_id: str, after: int, kind: FixKind
+) -> Events:
     """Positions numbered above ``after``, then each new one as it is told, until the session is over."""
     try:
-        while not watch.closed:
+        while not watch.closed and await is_known(context.keys, secret):
             news = await run_in_threadpool(context.services.live.news, session_id, after, kind)
             if news.positions:
                 after = news.positions[-1].number
@@ -64,13 +86,17 @@ async def session_events(context: Context, watch: Watch, session_id: str, after:
         watch.cancel()
 
 
-async def live_events(context: Context, watch: Watch, first: Sequence[LastKnown], *places: str | None) -> Events:
+async def live_events(
+    context: Context, watch: Watch, secret: str, first: Sequence[LastKnown], *places: str | None
+) -> Events:
     """Where sessions are: all of a place at first, then each one that changed."""
     told = {known.session.id: _number(known) for known in first}
     try:
         yield event("snapshot", {"sessions": [last_known_object(known) for known in first]})
         while not watch.closed:
             changed = sorted(await watch.wait(PING_S))
+            if not await is_known(context.keys, secret):
+                return
             for start in range(0, len(changed), MAX_LIVE):
                 some = changed[start : start + MAX_LIVE]
                 rows = await run_in_threadpool(context.services.live.last_known, some, *places)

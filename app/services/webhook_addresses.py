@@ -46,6 +46,8 @@ def is_public(address: str) -> bool:
     Of addresses that carry an IPv4 address within, that one counts too.
     """
     found = ip_address(address.partition("%")[0])
+    if isinstance(found, IPv6Address) and found.is_site_local:  # deprecated, and still nobody's but the own network's
+        return False
     return all(one.is_global and not one.is_multicast and not one.is_reserved for one in (found, *_within(found)))
 
 

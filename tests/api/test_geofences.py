@@ -11,6 +11,7 @@ from typing import Any
 
 import pytest
 
+from app.api.geofence_csv import _cell
 from app.engine.types import Fix
 from app.services.records import JobKind, Scope
 from tests.api.harness import Api, plain, segment_body
@@ -161,3 +162,9 @@ def test_events_as_a_table(visited: tuple[Api, str, str]) -> None:
     assert (rows[0]["probability"], rows[0]["reason"]) == ("", "session closed")
     both = api.get("/v1/geofence-events", headers={"Accept": "application/json, text/csv;q=0.5"})
     assert both.headers["Content-Type"] == "application/json"
+
+
+@pytest.mark.parametrize("start", ["=", "+", "-", "@", "\t", "\r"])
+def test_no_cell_is_a_formula(start: str) -> None:
+    assert _cell(f"{start}1") == f"'{start}1"
+    assert (_cell(-1.5), _cell(None), _cell("a")) == (-1.5, "", "a")

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import base64
+import hashlib
 import re
 
 from app.services.records import Scope
@@ -62,7 +64,13 @@ def test_a_wrong_method_is_told_the_right_ones(api: Api) -> None:
 
 def test_the_documents_load_nothing_from_elsewhere(api: Api) -> None:
     response = api.get("/docs", key=None)
-    assert "default-src 'none'" in response.headers["Content-Security-Policy"]
+    policy = response.headers["Content-Security-Policy"]
+    assert "default-src 'none'" in policy
+    assert "frame-ancestors 'none'" in policy
+    assert "unsafe" not in policy
+    style = response.text.partition("<style>")[2].partition("</style>")[0]
+    assert base64.b64encode(hashlib.sha256(style.encode()).digest()).decode() in policy
+    assert response.headers["Referrer-Policy"] == "no-referrer"
     assert not re.search(r"<script|<link|src=|@import|url\(", response.text)
     for path in api.get("/openapi.json", key=None).json()["paths"]:
         assert path in response.text

@@ -328,6 +328,24 @@ def test_a_message_that_is_too_large_is_told_in_words(make_api: Callable[..., Ap
     assert "10000" in answer.text
 
 
+def test_nothing_is_read_for_an_unknown_token(make_api: Callable[..., Api]) -> None:
+    api = make_api(max_body_bytes=1000)
+    for app in ("sensor-logger", "phyphox"):
+        answer = push(api, {"url": f"http://isodyn.test/v1/ingest/{app}/isi_unknown"}, b"x" * 2000)
+        assert (answer.status_code, "does not know" in answer.text) == (499, True)
+
+
+@pytest.mark.parametrize("where", ["sessionId", "text"])
+def test_half_a_character_is_refused_in_words(api: Api, where: str) -> None:
+    values = {"text": "\ud800"} if where == "text" else {"text": "a"}
+    note = {"name": "annotation", "time": 1764000012300000000, "values": values}
+    reading = {"name": "magnetometer", "time": 1764000012300000000, "values": {"x": float("nan"), "y": 1, "z": 2}}
+    session = "\ud800" if where == "sessionId" else "s"
+    body = {"messageId": 0, "sessionId": session, "deviceId": "d", "payload": [reading, note]}
+    answer = push(api, make_token(api), json.dumps(body).encode())
+    assert (answer.status_code, "no JSON" in answer.text) == (499, True)
+
+
 def test_silence_ends_a_recording(api: Api) -> None:
     token = make_token(api)
     push(api, token, BODIES[0])

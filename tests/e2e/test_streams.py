@@ -138,6 +138,8 @@ def test_a_bad_segment_is_answered_and_the_stream_goes_on(service: Service, prep
         assert receive(connection)["problem"]["status"] == 400
         connection.send(json.dumps({"type": "dance"}))
         assert receive(connection)["problem"]["errors"][0]["field"] == "type"
+        connection.send("[" * 300)
+        assert receive(connection)["problem"]["status"] == 422
         connection.send(json.dumps(first))
         assert receive(connection) == {"type": "accepted", "seq": 0, "repeated": False}
         connection.send(json.dumps(first))
@@ -160,6 +162,45 @@ def test_a_key_comes_in_a_header_or_in_the_first_message(service: Service, prepa
             assert closed.value.rcvd is not None
             assert closed.value.rcvd.code == 4000 + problem["status"]
             assert key not in json.dumps(problem)
+
+
+def test_a_first_message_that_is_no_key_is_refused_in_words(service: Service, prepared: Prepared, walk: Walk) -> None:
+    session_id = open_session(service, prepared.level_id, walk)
+    url = f"ws://127.0.0.1:{service.port}/v1/sessions/{session_id}/stream"
+    for first in (b"\x81\xa3key\xa1x", "[]"):
+        with connect(url) as connection:
+            connection.send(first)
+            assert receive(connection)["problem"]["status"] == 401
+
+
+def test_streams_end_with_their_key(service: Service, prepared: Prepared, walk: Walk) -> None:
+    session_id = open_session(service, prepared.level_id, walk)
+    made = service.post("/v1/keys", {"name": "short-lived", "scopes": ["locate"]})
+    key = {"Authorization": f"Bearer {made['secret']}"}
+    url = f"ws://127.0.0.1:{service.port}/v1/sessions/{session_id}/stream"
+    following = events(service, "/v1/live", **key)
+    with connect(url, additional_headers=key) as connection:
+        assert receive(connection)["type"] == "ready"
+        assert next(following)[0] == "snapshot"
+        assert service.request("DELETE", f"/v1/keys/{made['id']}").status_code == 204
+        connection.send(json.dumps({"type": "close"}))
+        assert receive(connection)["problem"]["status"] == 401
+        with pytest.raises(ConnectionClosed) as closed:
+            connection.recv(timeout=10)
+        assert closed.value.rcvd is not None
+        assert closed.value.rcvd.code == 4401
+    open_session(service, prepared.level_id, walk)
+    assert list(following) == []
+    assert service.get(f"/v1/sessions/{session_id}")["status"] == "open"
+
+
+@pytest.mark.parametrize("number", ["--1", "-", "-2", "1.5", "x"])
+def test_a_last_event_id_that_is_no_number_is_refused(
+    service: Service, prepared: Prepared, walk: Walk, number: str
+) -> None:
+    session_id = open_session(service, prepared.level_id, walk)
+    answer = service.request("GET", f"/v1/sessions/{session_id}/events", headers={"Last-Event-ID": number})
+    assert answer.status_code == 422
 
 
 def test_all_sessions_are_followed_at_once(service: Service, prepared: Prepared, walk: Walk) -> None:

@@ -314,6 +314,46 @@ def test_a_full_queue_loses_nothing(tmp_path: Path) -> None:
     world.close()
 
 
+def test_readings_full_of_gaps_do_not_keep_a_recording_open(tmp_path: Path) -> None:
+    world = World.at(tmp_path, max_queued=5)
+    phone = Pusher.at(world)
+    message = json.loads(BODIES[0])
+    first = message["payload"][0]["time"]
+    sensors = ("magnetometer", "totalacceleration", "gyroscope")
+    values = dict(zip(sensors, ((20, 5, -40), (0.1, 0.2, 9.8), (0.01, 0, 0.02)), strict=True))
+    message["payload"] = [
+        {
+            "name": name,
+            "time": first + gap * 2_000_000_000 + i * 20_000_000,
+            "values": dict(zip("xyz", values[name], strict=True)),
+        }
+        for gap in range(8)
+        for i in range(2 + gap)
+        for name in sensors
+    ]
+    assert len(phone.push(json.dumps(message).encode()).job_ids) == 5
+    while jobs := world.services.processing.claim(10):
+        for job in jobs:
+            world.services.processing.fail(job, "made room")
+    closed = phone.close()
+    assert closed.state is RecordingState.CLOSED
+    assert closed.n_samples > sum(2 + gap for gap in range(3, 7))
+    assert "gaps" in closed.problem
+    world.close()
+
+
+def test_a_clock_that_is_set_back_is_told_in_words(phone: Pusher) -> None:
+    phone.push_all(BODIES[:4])
+    assert phone.recording().problem == ""
+    for body in BODIES[4:6]:
+        message = json.loads(body)
+        for reading in message["payload"]:
+            reading["time"] -= 3600 * 1_000_000_000
+        phone.push(json.dumps(message).encode())
+    assert "set back" in phone.recording().problem
+    assert "start again" in phone.recording().problem
+
+
 def test_one_recording_that_must_wait_does_not_hold_up_the_others(tmp_path: Path) -> None:
     world = World.at(tmp_path, max_queued=1)
     waiting = Pusher.at(world)

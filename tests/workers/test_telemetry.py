@@ -67,6 +67,11 @@ def test_values_under_a_telling_name_are_masked_whole(name: str) -> None:
     assert mask({name: "anything at all"}) == {name: "***"}
 
 
+@pytest.mark.parametrize("secret", [SECRET, "isi_x9Jm2vQ0c1p8Zt4yB6nKd3hLw7RaEf5u", "whsec_x9Jm2vQ0c1p8Zt4"])
+def test_secrets_are_masked_wherever_they_stand(secret: str) -> None:
+    assert mask(f'"WebSocket /v1/ingest/sensor-logger/{secret}" 403') == '"WebSocket /v1/ingest/sensor-logger/***" 403'
+
+
 @pytest.mark.parametrize("as_json", [True, False])
 @pytest.mark.usefixtures("_logging")
 def test_no_log_line_holds_a_secret(as_json: bool, capsys: pytest.CaptureFixture[str]) -> None:

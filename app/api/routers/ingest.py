@@ -81,7 +81,7 @@ async def push_sensor_logger(token: str, request: Request, context: ContextDep) 
     """
     _count(context, token)
     try:
-        body = await read_body(request, context.settings.max_body_bytes, inflated=INGEST_BYTES)
+        body = await _body(context, token, request)
         return await run_in_threadpool(_take_sensor_logger, context, token, body)
     except (ApiError, FormatError, IngestRefusedError) as error:
         return shown(str(error))
@@ -136,7 +136,7 @@ async def push_phyphox(token: str, request: Request, context: ContextDep) -> Res
     """
     _count(context, token)
     try:
-        body = await read_body(request, context.settings.max_body_bytes, inflated=INGEST_BYTES)
+        body = await _body(context, token, request)
         received = await run_in_threadpool(_take_phyphox, context, token, body)
     except (ApiError, FormatError, IngestRefusedError) as error:
         return shown(str(error))
@@ -202,6 +202,12 @@ async def phyphox_experiment(token: str, request: Request, context: ContextDep) 
         media_type=PHYPHOX_TYPE,
         headers={"Content-Disposition": 'attachment; filename="experiment.phyphox"', "Cache-Control": "no-store"},
     )
+
+
+async def _body(context: Context, token: str, request: Request) -> bytes:
+    # the token first: whoever has none makes the service read, inflate and parse nothing
+    await run_in_threadpool(context.services.recordings.check, token)
+    return await read_body(request, context.settings.max_body_bytes, inflated=INGEST_BYTES)
 
 
 def _count(context: Context, token: str) -> None:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from typing import Annotated, Any, Literal
 
-from fastapi import Header, Query, Response
+from fastapi import Header, Query, Request, Response
 from starlette.concurrency import run_in_threadpool
 
 from app.api import errors
-from app.api.auth import needs
+from app.api.auth import needs, secret_of
 from app.api.deps import ContextDep
 from app.api.responses import guarded
 from app.api.routing import api_router
@@ -20,6 +21,7 @@ from app.services.records import Scope
 router = api_router("live")
 
 _MAX_NUMBER = 10**15
+_NUMBER = re.compile(r"-1|[0-9]{1,16}")
 
 
 def _stream(description: str) -> dict[str, Any]:
@@ -38,6 +40,7 @@ def _stream(description: str) -> dict[str, Any]:
 )
 async def follow_session(
     session_id: str,
+    request: Request,
     context: ContextDep,
     after: Annotated[
         int | None, Query(ge=-1, le=_MAX_NUMBER, description="Number of the last fix you have; -1: from the start.")
@@ -61,7 +64,9 @@ async def follow_session(
     except Exception:
         watch.cancel()
         raise
-    return answer(session_events(context, watch, session_id, -1 if number is None else number, kind))
+    return answer(
+        session_events(context, watch, secret_of(request), session_id, -1 if number is None else number, kind)
+    )
 
 
 @router.get(
@@ -75,6 +80,7 @@ async def follow_session(
     },
 )
 async def follow_all(
+    request: Request,
     context: ContextDep,
     venue_id: Annotated[str | None, Query(description="In this venue only.")] = None,
     level_id: Annotated[str | None, Query(description="On this level only.")] = None,
@@ -90,10 +96,10 @@ async def follow_all(
     except Exception:
         watch.cancel()
         raise
-    return answer(live_events(context, watch, first, venue_id, level_id))
+    return answer(live_events(context, watch, secret_of(request), first, venue_id, level_id))
 
 
 def _number(text: str) -> int:
-    if text.lstrip("-").isdecimal() and text.isascii() and len(text) <= 16 and int(text) >= -1:
+    if _NUMBER.fullmatch(text):
         return int(text)
     raise InvalidError("Last-Event-ID", f"{text[:50]!r} is no number of a fix", "send the id of the last event")

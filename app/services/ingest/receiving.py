@@ -15,7 +15,7 @@ import numpy as np
 
 from app.engine.types import ImuSamples, PressureReadings
 from app.exchange.phones.assembly import Assembled, assemble, in_frame
-from app.exchange.phones.readings import Annotation, Readings
+from app.exchange.phones.readings import NS, Annotation, Readings
 from app.services.accounts import hash_secret
 from app.services.aids import Aids, GnssReadings, to_level
 from app.services.device_memory import starting_calibration
@@ -36,7 +36,12 @@ MIN_CUT_S = 0.5
 MAX_GAP_S = 1.0
 MAX_SEGMENT_S = 30.0
 MAX_SEGMENT_SAMPLES = 10_000
+MAX_PIECES = 100
+"""Segments that one message may become: minutes without a gap are two a minute."""
 MAX_ANNOTATIONS = 2000
+MAX_BEHIND_S = 60.0
+"""Messages overtake each other by seconds; one that is older than what is done by more tells of a clock."""
+CLOCK_SET_BACK = "the phone's clock was set back by {:.0f} s: stop recording, and start again"
 MIN_HPA, MAX_HPA = 300.0, 1200.0
 MAX_REST_BYTES = 8 * 2**20
 
@@ -49,11 +54,17 @@ class Effects:
     sessions: list[str] = field(default_factory=list)
 
 
-def token_of(uow: UnitOfWork, secret: str, now: datetime) -> IngestToken:
+def known_token(uow: UnitOfWork, secret: str) -> IngestToken:
     """The token of a secret; UnknownTokenError if there is none, or it was revoked."""
     token = uow.ingest.find_token(hash_secret(secret))
     if token is None or token.revoked_at is not None:
         raise UnknownTokenError
+    return token
+
+
+def token_of(uow: UnitOfWork, secret: str, now: datetime) -> IngestToken:
+    """The token of a secret, with a note that it was used."""
+    token = known_token(uow, secret)
     if token.last_used_at is None or now - token.last_used_at >= TOUCH_EVERY:
         uow.ingest.touch_token(token.id, now)
     return token
@@ -137,6 +148,7 @@ class Receiver:
         # a recording keeps no frame of its own: its end, and what is made of a survey, know the token's only
         told = self.token.frame if message.frame is None else message.frame
         readings = in_frame(message.readings, told, self.token.frame)
+        in_turn_now = recording.state is RecordingState.OPEN and number >= recording.next_number
         stored = Stored(number, readings.pack(), self.now)
         if not self.uow.ingest.add_message(recording.id, stored):
             return False
@@ -147,6 +159,8 @@ class Receiver:
             last_at=self.now,
             annotations=_noted(recording.annotations, message.readings.annotations),
         )
+        if in_turn_now and (behind_s := _behind_s(readings, recording.until_ns)) > MAX_BEHIND_S:
+            self._note(CLOCK_SET_BACK.format(behind_s))
         if purpose is Purpose.SURVEY:
             self.recording = replace(self.recording, next_number=max(recording.next_number, number + 1))
         if recording.state is RecordingState.OPEN:
@@ -195,7 +209,7 @@ class Receiver:
         session = self.uow.sessions.get(self.recording.session_id)
         if session.status is SessionStatus.CLOSED:
             raise SessionClosedError(session.id)
-        chosen = list(pieces(cut.samples))
+        chosen = self._fewer(list(pieces(cut.samples)))
         if self.uow.jobs.count(JobState.QUEUED, JobState.RUNNING) + len(chosen) > self.max_queued:
             return False
         aids = self._aids(cut)
@@ -211,6 +225,17 @@ class Receiver:
             session = replace(session, next_seq=session.next_seq + 1)
             self.recording = replace(self.recording, n_samples=self.recording.n_samples + len(samples))
         return True
+
+    def _fewer(self, found: list[slice]) -> list[slice]:
+        """The longest pieces, in order, where there are more than the queue could ever take at once."""
+        most = min(MAX_PIECES, self.max_queued)
+        if len(found) <= most:
+            return found
+        self._note(
+            f"readings have {len(found) - 1} gaps of more than {MAX_GAP_S:g} s: the {most} longest pieces are taken"
+        )
+        longest = sorted(found, key=lambda rows: rows.start - rows.stop)[:most]
+        return sorted(longest, key=lambda rows: rows.start)
 
     def _aids(self, cut: Assembled) -> Aids:
         gnss = None
@@ -246,6 +271,13 @@ def _believed(pressure: PressureReadings | None) -> PressureReadings | None:
 
 def _noted(before: Sequence[Annotation], new: Sequence[Annotation]) -> tuple[Annotation, ...]:
     return tuple(sorted({*before, *new}))[:MAX_ANNOTATIONS]
+
+
+def _behind_s(readings: Readings, until_ns: int | None) -> float:
+    """By how much the newest reading is older than what was taken already."""
+    if until_ns is None or not readings.series:
+        return 0.0
+    return (until_ns - max(int(one.t_ns[-1]) for one in readings.series.values())) / NS
 
 
 def _long_enough(cut: Assembled) -> bool:

@@ -14,7 +14,7 @@ from app.services.clock import Clock
 from app.services.errors import ConflictError, InvalidError, OverloadedError, SessionClosedError
 from app.services.ingest.errors import IngestRefusedError
 from app.services.ingest.ports import Extent, UploadChecks
-from app.services.ingest.receiving import Effects, Receiver, recording_of, token_of
+from app.services.ingest.receiving import Effects, Receiver, known_token, recording_of, token_of
 from app.services.ingest.records import (
     Incoming,
     IngestToken,
@@ -53,6 +53,11 @@ class RecordingService(Service):
         self._listener = listener
         self._watchers = watchers
         self._max_queued = max_queued
+
+    def check(self, secret: str) -> None:
+        """UnknownTokenError if there is no token of this secret; writes nothing, so it waits for nobody."""
+        with self._uow() as uow:
+            known_token(uow, secret)
 
     def token(self, secret: str) -> IngestToken:
         """The token of a push URL; UnknownTokenError if there is none."""
