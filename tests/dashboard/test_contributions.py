@@ -67,11 +67,17 @@ def test_the_queue_tells_state_and_verdict(dashboard: Dashboard, queue: Page, of
     for row, one in zip(rows(queue).all(), offered, strict=True):
         expect(row.locator(".badge")).to_have_text(one["state"])
         expect(row).to_contain_text(f"{one['n_kept']} of {one['n_steps']}")
-        expect(row).to_contain_text(one["verdict"] or "not yet weighed")
+        expect(row).to_contain_text(
+            one["verdict"] or ("nothing was sure enough" if one["state"] == "empty" else "not yet weighed")
+        )
         for reason in one["reasons"]:
             expect(row).to_contain_text(reason)
     dashboard.screenshots("contributions")
     assert dashboard.fits()
+    level, state = (queue.get_by_label(name).bounding_box() for name in ("Level", "State"))
+    assert level is not None
+    assert state is not None
+    assert level["y"] == state["y"], "the filters stand one below the other"
 
 
 def test_filters_are_kept_in_the_address(queue: Page, offered: list[dict[str, Any]]) -> None:
@@ -98,6 +104,7 @@ def test_a_contribution_is_rejected_and_restored(queue: Page, service: Service, 
     row.get_by_role("button", name="Reject").click()
     expect(row.locator(".badge")).to_have_text("rejected")
     assert service.get(f"/v1/contributions/{one['id']}")["state"] == "rejected"
+    expect(row.get_by_role("button", name="Restore")).to_be_focused()
     row.get_by_role("button", name="Restore").click()
     expect(row.locator(".badge")).not_to_have_text("rejected")
     assert service.get(f"/v1/contributions/{one['id']}")["state"] != "rejected"

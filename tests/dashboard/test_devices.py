@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 import pytest
@@ -50,6 +51,7 @@ def connect(page: Page, level: str, *, purpose: str = "locate", app: str = "sens
 def test_a_device_is_registered(dashboard: Dashboard, floor: Floor) -> None:
     page = dashboard.open("/devices")
     page.get_by_role("button", name="New device").first.click()
+    expect(page.get_by_label("Name")).to_be_focused()
     page.get_by_role("button", name="Create").click()
     expect(page.get_by_text("Please fill out this field")).to_be_visible()
     page.get_by_label("Name").fill("trolley 7")
@@ -139,9 +141,15 @@ def test_a_walk_without_waypoints_is_mended_on_the_plan(
     push(service, url, *sensor_logger_messages(walk.samples, walk.waypoints, labels=texts))
     recordings = page.get_by_role("region", name="Recordings")
     expect(recordings.get_by_text("open", exact=True)).to_be_visible()
+    expect(recordings.get_by_text(re.compile(r"^[1-9]\d* messages$"))).to_be_visible()
     recordings.get_by_role("button", name="End now").click()
     expect(recordings.get_by_text("waiting", exact=True)).to_be_visible()
-    recordings.get_by_role("button", name="Give waypoints").click()
+    give = recordings.get_by_role("button", name="Give waypoints")
+    (cell, table) = (give.bounding_box(), recordings.get_by_role("region", name="Recordings").bounding_box())
+    assert cell is not None
+    assert table is not None
+    assert cell["x"] + cell["width"] <= table["x"] + table["width"], "what to do is out of sight"
+    give.click()
     dialog = page.get_by_role("dialog")
     send = dialog.get_by_role("button", name="Make a walk of it")
     expect(send).to_be_disabled()

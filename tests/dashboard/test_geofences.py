@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import json
+import re
+
 import pytest
 from playwright.sync_api import expect
 
@@ -53,6 +56,8 @@ def test_who_entered_is_listed_with_its_session(dashboard: Dashboard, service: S
     page = dashboard.open("/geofences")
     events = page.get_by_role("region", name="Events", exact=True)
     expect(events.get_by_role("row").filter(has_text="All of it").first).to_contain_text("enters")
+    # to the second: a walk enters and leaves within a minute
+    expect(events.get_by_role("row").filter(has_text="All of it").first).to_contain_text(re.compile(r"\d\d:\d\d:\d\d"))
     assert dashboard.fits()
     dashboard.screenshots("geofences")
     assert dashboard.fits()
@@ -93,3 +98,14 @@ def test_a_webhook_is_made_tried_and_paused(dashboard: Dashboard, service: Servi
     page.get_by_role("button", name=f"Delete {hook['url']}").click()
     page.get_by_role("dialog").get_by_role("button", name="Delete").click()
     expect(page.get_by_text("No webhooks")).to_be_visible()
+
+
+@pytest.mark.parametrize("place", ["/geofences", "/surveys"])
+def test_without_a_level_the_way_on_is_shown(dashboard: Dashboard, service: Service, place: str) -> None:
+    nothing = json.dumps({"items": [], "next_cursor": None})
+    for path in ("levels", "surveys", "geofences"):
+        dashboard.page.route(f"**/v1/{path}?*", lambda route: route.fulfill(json=json.loads(nothing)))
+        dashboard.page.route(f"**/v1/{path}", lambda route: route.fulfill(json=json.loads(nothing)))
+    page = dashboard.open(place)
+    page.get_by_role("link", name="make a venue and a level first").click()
+    expect(page.get_by_role("heading", name="Venues")).to_be_visible()

@@ -36,6 +36,12 @@ def test_the_overview_shows_what_is_going_on(dashboard: Dashboard, floor: Floor,
     expect(page.get_by_text("live", exact=True)).to_be_visible()
     expect(page.get_by_role("region", name="Alarms").get_by_text("Nothing needs attention.")).to_be_visible()
     expect(page.get_by_role("region", name="Recent surveys").get_by_role("link", name="F2").first).to_be_visible()
+    expect(page.get_by_text("fixes/s, last hour")).to_be_visible()
+    expect(live.get_by_title("position known").first).to_be_visible()
+    cut = (
+        "[...document.querySelectorAll('.live-list td:last-child')].filter((one) => one.scrollWidth > one.clientWidth)"
+    )
+    assert page.evaluate(f"{cut}.map((one) => one.textContent)") == []
     inside = page.locator(".figure").filter(has_text="ellipses")
     expect(inside.locator("b")).to_contain_text("%")
     assert dashboard.fits()
@@ -142,3 +148,16 @@ def test_two_hundred_sessions_stay_smooth(dashboard: Dashboard, service: Service
 
 def _positions(page: Page) -> list[str]:
     return page.get_by_role("region", name="Live sessions").locator("tbody tr td:nth-child(4)").all_inner_texts()
+
+
+def test_alarms_lead_to_what_they_name(dashboard: Dashboard, sessions: list[str]) -> None:
+    alarm = {
+        "rule": "device-silent", "severity": "warning", "subject": "dev_0a", "since": None,
+        "message": f"session {sessions[0]} is open and sends nothing", "remedy": "look after the device",
+    }  # fmt: skip
+    dashboard.page.route("**/v1/stats/alarms", lambda route: route.fulfill(json={"items": [alarm]}))
+    page = dashboard.open("/overview")
+    alarms = page.get_by_role("region", name="Alarms")
+    expect(alarms).to_contain_text(alarm["message"])
+    alarms.get_by_role("link", name=sessions[0]).click()
+    expect(page.get_by_role("heading", name="Session ses_")).to_be_visible()

@@ -294,3 +294,10 @@ def test_two_fingers_zoom(blank: Page) -> None:
         """,
     )
     assert scales == pytest.approx([2.0, 0.0, 0.0], abs=1e-6)
+
+
+def test_durations_carry_over(blank: Page) -> None:
+    told = run(blank, "ui.js", "return given.map(m.duration);", [4.21, 59.4, 59.97, 119.7, 3599.8, 7260])
+    assert [one.replace("\u202f", " ") for one in told] == [
+        "4.2 s", "59 s", "1 min 0 s", "2 min 0 s", "1 h 0 min", "2 h 1 min",
+    ]  # fmt: skip

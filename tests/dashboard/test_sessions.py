@@ -5,9 +5,11 @@ from __future__ import annotations
 import csv
 import io
 import json
+import re
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from isodyn_client import Client, Prior
 from playwright.sync_api import Page, expect
@@ -70,6 +72,8 @@ def test_a_closed_session_is_played_again(dashboard: Dashboard, sessions: list[s
     expect(reading).to_contain_text("x ")
     last = reading.inner_text()
     slider = page.get_by_label("Time", exact=True)
+    # it opens at its end, and so does the slider
+    assert float(slider.input_value()) == pytest.approx(float(str(slider.get_attribute("max"))), abs=0.1)
     slider.focus()
     page.keyboard.press("Home")
     expect(reading).not_to_have_text(last)
@@ -98,6 +102,7 @@ def test_known_positions_stand_beside_what_was_told(
     expect(card.locator("tbody tr")).to_have_count(len(points))
     inside = sum(point["fix"]["inside"] for point in points if point["fix"])
     assert card.locator(".badge.good").count() == inside
+    expect(card.get_by_role("columnheader", name="x, y, m")).to_be_visible()
     page.get_by_label("Smoothed").check()
     expect(page.get_by_label("Smoothed")).to_be_enabled()
     expect(page.get_by_label("Smoothed")).to_be_checked()
@@ -107,6 +112,8 @@ def test_the_profile_is_what_the_service_says(dashboard: Dashboard, service: Ser
     page = opened(dashboard, sessions[2])
     card = page.get_by_role("region", name="Field along the track")
     expect(card.locator(".scatterlayer .trace")).to_have_count(3)
+    expect(card.locator(".xtitle")).to_have_text("time since the start, s")
+    expect(card.locator(".ytitle")).to_have_text("field, µT")
     profile = service.get(f"/v1/sessions/{sessions[2]}/profile")
     for name, channel in (("Total", "total"), ("Vertical", "v")):
         card.get_by_label(name).check(force=True)
@@ -120,6 +127,7 @@ def test_files_are_taken_home(dashboard: Dashboard, sessions: list[str]) -> None
     page = opened(dashboard, sessions[2])
     card = page.get_by_role("region", name="Files")
     expect(card.get_by_role("button", name="GPX")).to_be_disabled()
+    expect(card.get_by_role("link", name="latitude and longitude")).to_be_visible()
     with page.expect_download() as caught:
         card.get_by_role("button", name="CSV").last.click()
     rows = list(csv.DictReader(io.StringIO(Path(caught.value.path()).read_text())))
@@ -145,6 +153,13 @@ def test_a_session_is_seen_as_it_goes(dashboard: Dashboard, service: Service, fl
         expect(reading).to_contain_text("x ")
         newest = session.positions()
         expect(reading).to_contain_text(f"x {newest.x[-1]:.1f} m, y {newest.y[-1]:.1f} m")
+        # the longest half axis of the ellipse, not the larger side of its box
+        longest = np.sqrt(5.991 * np.linalg.eigvalsh(newest.covariance[-1])[-1])
+        told = re.search(r"± (\S+)\u202fm \(95\u202f%\)", reading.inner_text())
+        assert told, reading.inner_text()
+        assert float(told[1]) == pytest.approx(longest, rel=0.01)
+        # a known position that is told meanwhile needs no reload
+        client.add_ground_truth(session.id, newest.t_ms[-1:], newest.x[-1:], newest.y[-1:], sd_m=np.array([0.5]))
         # looking back: what comes does not take the reader away from where he looks
         slider = page.get_by_label("Time", exact=True)
         slider.focus()
@@ -154,6 +169,9 @@ def test_a_session_is_seen_as_it_goes(dashboard: Dashboard, service: Service, fl
         session.send(parts[3], wait=30.0)
         eventually(lambda: float(str(slider.get_attribute("max"))) > before)
         assert reading.inner_text() == seen
+        expect(page.get_by_role("region", name="Known positions").first.locator("tbody tr")).to_have_count(
+            1, timeout=15_000
+        )
         page.get_by_role("button", name="Live").click()
         newest = session.positions()
         expect(reading).to_contain_text(f"x {newest.x[-1]:.1f} m")
@@ -179,6 +197,7 @@ def test_places_that_fit_have_their_weights(dashboard: Dashboard, service: Servi
         page = opened(dashboard, session.id)
         rows = page.locator(".hypotheses li")
         expect(rows).to_have_count(len(told.hypotheses))
+        expect(rows.first).to_contain_text(f"x {told.hypotheses[0].x:.1f} m")
         expect(rows.first).to_contain_text(f"{100 * told.hypotheses[0].weight:.0f}\u202f%")
         dashboard.screenshot("session-ambiguous")
         session.close()
@@ -198,8 +217,31 @@ def test_two_hundred_open_sessions_stay_smooth(dashboard: Dashboard, service: Se
     live = page.get_by_role("region", name="Open sessions")
     expect(live.get_by_text(str(N_LIVE), exact=True)).to_be_visible()
     cells = live.locator("tbody tr td:nth-child(4)")
+    expect(live.get_by_text(f"and {N_LIVE - 100} more")).to_be_visible()
+    live.get_by_role("button", name="Show all").click()
+    expect(cells).to_have_count(N_LIVE)
+    expect(live.get_by_text("more")).to_be_hidden()
     before = cells.all_inner_texts()
     measured: dict[str, Any] = page.evaluate(MEASURE, SECONDS)
     assert cells.all_inner_texts() != before, "the list stands still"
     assert sum(measured["long"]) < LONG_SHARE * 1000 * SECONDS, measured
     assert measured["rate"] > LEAST_FRAMES, measured
+
+
+def test_known_positions_that_come_anew_replace_those_on_the_plan(dashboard: Dashboard) -> None:
+    page = dashboard.open("/nowhere")
+    layers = page.evaluate(
+        """async () => {
+          const { SessionStage } = await import("/static/session/stage.js");
+          const { FixLog } = await import("/static/session/fixes.js");
+          const stage = new SessionStage({ api: {} }, { level_id: "a", maps: [] }, new FixLog());
+          stage.view = { layers: [], add(one) { this.layers.push(one); }, redraw() {}, remove(one) {
+            this.layers = this.layers.filter((other) => other !== one);
+          } };
+          stage.setTruth([]);
+          stage.truth.visible = false;
+          stage.setTruth([]);
+          return [stage.view.layers.length, stage.truth.visible];
+        }"""
+    )
+    assert layers == [1, False]

@@ -39,12 +39,13 @@ export function calibrationsCard(app, device) {
   );
 }
 
-function epoch(one) {
+function epoch(one, _, { length }) {
+  const alone = length === 1;
   const from = one.n_sessions ? `${number(one.n_sessions)} ${one.n_sessions === 1 ? "session" : "sessions"}` : "survey walks";
   return h(
     "div",
     { class: "epoch" },
-    h("h3", {}, one.epoch ? `Epoch ${one.epoch}` : "Without an epoch"),
+    h("h3", {}, one.epoch ? `Epoch ${one.epoch}` : alone ? "Known so far" : "Without an epoch"),
     h("p", { class: "soft small" }, `From ${from}, `, h("time", { datetime: one.updated_at, title: dateTime(one.updated_at) }, ago(one.updated_at))),
     calibrationFacts(one),
   );

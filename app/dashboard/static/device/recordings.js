@@ -43,9 +43,9 @@ export function recordingsCard(app, device) {
 function recordingTable(app, items, look) {
   return table(
     [
-      { head: "Begun", cell: (one) => h("time", { datetime: one.opened_at, title: dateTime(one.opened_at) }, ago(one.opened_at)) },
-      { head: "State", cell: (one) => [h("span", { class: `badge ${one.problem && one.state !== "waiting" ? "bad" : BADGES[one.state]}` }, one.state), one.problem && h("p", { class: "small" }, one.problem)] },
-      { head: "Samples", number: true, cell: (one) => number(one.n_samples) },
+      { head: "Begun", cell: (one) => h("time", { datetime: one.opened_at, title: dateTime(one.opened_at) }, ago(one.opened_at, "short")) },
+      { head: "State", cell: (one) => [h("span", { class: `badge ${one.problem && one.state !== "waiting" ? "bad" : BADGES[one.state]}` }, one.state), one.problem && h("p", { class: "small trouble" }, one.problem)] },
+      { head: "Samples", number: true, cell: received },
       { head: "Lasted", number: true, cell: (one) => duration((new Date(one.last_at) - new Date(one.opened_at)) / 1000) },
       { head: "Became", cell: outcome },
       { head: "", cell: (one) => h("span", { class: "cell-actions" }, actions(app, one, look)) },
@@ -55,10 +55,16 @@ function recordingTable(app, items, look) {
   );
 }
 
+// The samples of a survey walk are put together when it ends: until then its messages say that it arrives.
+function received(one) {
+  if (one.purpose === "survey" && one.state === "open") return `${number(one.n_messages)} ${one.n_messages === 1 ? "message" : "messages"}`;
+  return number(one.n_samples);
+}
+
 function outcome(one) {
   if (one.session_id) return h("a", { href: `#/sessions/${one.session_id}` }, `session ${shortId(one.session_id)}`);
   if (one.walk_ids.length) return h("a", { href: `#/surveys/${one.survey_id}` }, `${one.walk_ids.length} ${one.walk_ids.length === 1 ? "walk" : "walks"}`);
-  return h("span", { class: "soft" }, one.purpose === "survey" ? `${one.annotations.length} annotations` : "nothing yet");
+  return h("span", { class: "soft" }, one.purpose === "survey" ? `${one.annotations.length} ${one.annotations.length === 1 ? "annotation" : "annotations"}` : "nothing yet");
 }
 
 function actions(app, one, look) {

@@ -46,7 +46,7 @@ function traces(items, { kind, span }, range) {
     })),
     layout: {
       showlegend: true, hovermode: "x unified",
-      yaxis: { title: { text: "ms" }, type: "log", tickvals: marks, ticktext: marks.map((value) => number(value)) },
+      yaxis: { title: { text: "time, ms" }, type: "log", tickvals: marks, ticktext: marks.map((value) => number(value)) },
       xaxis: { type: "date", range },
     },
   };
@@ -91,7 +91,7 @@ export function throughputChart({ items: rows, since, until }, context) {
     layout: {
       showlegend: true, hovermode: "x unified", bargap: 0.15, xaxis: { type: "date", range: [since, until] },
       yaxis: { title: { text: "fixes/s" }, rangemode: "tozero" },
-      yaxis2: { title: { text: "segments/s" }, overlaying: "y", side: "right", rangemode: "tozero", showgrid: false, automargin: true },
+      yaxis2: { title: { text: "segments/s" }, overlaying: "y", side: "right", tickmode: "auto", nticks: 5, rangemode: "tozero", showgrid: false, automargin: true },
       margin: { l: 48, r: 56, t: 12, b: 40 },
     },
   }));

@@ -115,15 +115,15 @@ function inside(row) {
   return h("span", { title: `95 % interval: ${interval}` }, h("span", { class: `badge ${kind}` }, percent(row.inside_share)), h("span", { class: "soft small" }, ` ${interval}`));
 }
 
-function levels({ items }) {
+function levels({ items }, context) {
   if (!items.length) return words("No levels.");
   return table(
     [
-      { head: "Level", cell: (row) => h("a", { href: `#/levels/${row.level_id}` }, row.name) },
+      { head: "Level", cell: (row) => h("a", { href: `#/levels/${row.level_id}` }, context.level(row.level_id) ?? row.name) },
       count("Sessions", (row) => row.sessions),
       { head: "Last walk", cell: (row) => ago(row.last_walk_at) },
       { head: "Map", cell: (row) => (row.map_id === null ? h("span", { class: "badge warn" }, "none") : `version ${row.map_version}`) },
-      { head: "Map's age", cell: (row) => ago(row.map_created_at) },
+      { head: "Map made", cell: (row) => ago(row.map_created_at) },
       { head: "", cell: (row) => row.map_behind && h("span", { class: "badge warn" }, "a walk is newer") },
     ],
     items,

@@ -13,9 +13,14 @@ export function alarmList(alarms, href) {
     "li",
     {},
     h("div", { class: "row start" }, h("span", { class: `badge ${BADGES[alarm.severity]}` }, alarm.severity), h("b", {}, alarm.rule), subject(alarm.subject, href)),
-    h("p", {}, alarm.message, alarm.since && h("span", { class: "soft" }, ` · since ${ago(alarm.since)}`)),
+    h("p", {}, linked(alarm.message, href), alarm.since && h("span", { class: "soft" }, ` · since ${ago(alarm.since)}`)),
     h("p", { class: "soft small" }, alarm.remedy),
   )));
+}
+
+// Ids in a text lead to their pages.
+function linked(text, href) {
+  return text.split(/((?:lvl|ses|dev)_[0-9a-f]+)/).map((part, i) => (i % 2 ? subject(part, href) : part));
 }
 
 function subject(name, href) {

@@ -7,6 +7,11 @@ const CHI_95 = Math.sqrt(5.991);
 const DOT_PX = 4.5;
 const COLOURS = { ok: "accent", ambiguous: "warn", insufficient: "soft", off_map: "bad", disturbed: "fourth" };
 
+/** What a status means, for those who have not read about it. */
+export const STATUS_WORDS = {
+  ok: "position known", ambiguous: "several places fit", insufficient: "not yet known", off_map: "off the map", disturbed: "disturbed",
+};
+
 /** Name of the colour in which a status is drawn and told. */
 export function statusColour(status) {
   return COLOURS[status] ?? "soft";

@@ -22,9 +22,11 @@ export async function render(root, params, app) {
   const chosen = Object.fromEntries(FILTERS.map((name) => [name, app.query.get(name) ?? ""]));
   const [queue, changes, notice] = [h("div", {}), h("div", {}), h("div", { class: "row start" })];
   const draw = () => {
-    queue.replaceChildren(queuePager(app, names, chosen, draw, only));
+    const pages = queuePager(app, names, chosen, draw, only);
+    queue.replaceChildren(pages);
     changes.replaceChildren(changesPager(app, names, chosen.level_id));
     notice.replaceChildren(...["contributor", "session_id"].filter((name) => chosen[name]).map((name) => tag(name, chosen[name], () => only({ [name]: "" }))));
+    return pages.ready;
   };
   const only = (values) => {
     Object.assign(chosen, values);
@@ -35,7 +37,7 @@ export async function render(root, params, app) {
     h(
       "div",
       { class: "page-head" },
-      h("div", {}, h("h1", {}, "Contributions"), h("p", {}, "Evidence for the maps from sessions that opted in, weighed by physics and by agreement.")),
+      h("div", { class: "lead-in" }, h("h1", {}, "Contributions"), h("p", {}, "Evidence for the maps from sessions that opted in, weighed by physics and by agreement.")),
       h(
         "div",
         { class: "filters" },
@@ -72,11 +74,11 @@ function queueTable(app, names, items, redraw, only) {
     { head: "Steps kept", number: true, cell: (one) => `${one.n_kept} of ${one.n_steps}` },
     { head: "Agree", number: true, cell: (one) => one.n_agreed },
     { head: "Disagree", number: true, cell: (one) => one.n_disagreed },
-    { head: "Verdict and reasons", cell: (one) => h("div", { class: "verdict" }, one.verdict || h("span", { class: "soft" }, "not yet weighed"), one.reasons.map((reason) => h("small", {}, reason))) },
+    { head: "Verdict and reasons", cell: (one) => h("div", { class: "verdict" }, one.verdict || h("span", { class: "soft" }, MEANING[one.state]), one.reasons.map((reason) => h("small", {}, reason))) },
     { head: "From", cell: (one) => sourceLinks(one, only) },
     { head: "", cell: (one) => actions(app, names, one, redraw) },
   ];
-  return table(columns, items, { caption: "Contributions" });
+  return table(columns, items, { caption: "Contributions", row: (one) => ({ dataset: { contribution: one.id } }) });
 }
 
 function sourceLinks(one, only) {
@@ -109,7 +111,14 @@ async function act(app, one, verb, redraw) {
   } catch (error) {
     toastError(error);
   }
-  redraw();
+  await redraw();
+  focusOn(one);
+}
+
+// The list is drawn anew under the reader's hand: back to the same line, or to the list if the line is gone.
+function focusOn(one) {
+  const line = document.querySelector(`[data-contribution="${one.id}"] .row button:last-child`);
+  (line?.previousElementSibling ?? document.querySelector("[aria-label=Contributions]") ?? document.querySelector("main")).focus();
 }
 
 async function forget(app, one, redraw) {
@@ -121,7 +130,8 @@ async function forget(app, one, redraw) {
   } catch (error) {
     toastError(error);
   }
-  redraw();
+  await redraw();
+  focusOn(one);
 }
 
 function changesPager(app, names, levelId) {

@@ -4,9 +4,9 @@ import { haloText } from "../canvas.js";
 import { colour } from "../theming.js";
 import { levelPlan } from "../plans.js";
 import {
-  confirm, dateTime, dialog, download, duration, empty, form, h, icon, pager, percent, select, shortId, table, toast, toastError,
+  confirm, dialog, download, duration, empty, form, h, icon, moment, pager, percent, select, shortId, table, toast, toastError,
 } from "../ui.js";
-import { levelNames, levelOptions } from "./level_names.js";
+import { levelNames, levelOptions, noLevels } from "./level_names.js";
 
 export const title = "Geofences";
 
@@ -21,7 +21,7 @@ export async function render(root, params, app) {
     list.replaceChildren(pager({
       pages: app.api.pages("/v1/geofences", { limit: 50, level_id: levelId }),
       render: (items) => fenceTable(app, items, names, may, draw),
-      empty: empty("No geofences", "An area of a level: sessions that enter, leave or dwell in it are told, also to webhooks."),
+      empty: empty("No geofences", "An area of a level: sessions that enter, leave or dwell in it are told, also to webhooks.", names.size === 0 && noLevels()),
     }));
     if (app.account.may("locate")) past.replaceChildren(eventPager(app, levelId));
   };
@@ -65,7 +65,7 @@ function fenceTable(app, items, names, may, draw) {
       { head: "Name", cell: (fence) => h("b", {}, fence.name) },
       { head: "Level", cell: (fence) => h("a", { href: `#/levels/${fence.level_id}` }, names.get(fence.level_id)?.name ?? fence.level_id) },
       { head: "Tells who", cell: (fence) => fence.events.map((one) => new Map(EVENTS).get(one)).join(", ") + (fence.dwell_s ? ` (${duration(fence.dwell_s)})` : "") },
-      { head: "When as sure as", number: true, cell: (fence) => percent(fence.confidence) },
+      { head: "When at least as sure as", number: true, cell: (fence) => percent(fence.confidence) },
       { head: "", cell: (fence) => may && h("span", { class: "cell-actions" }, h("button", { type: "button", class: "small danger", "aria-label": `Delete ${fence.name}`, onclick: () => remove(fence) }, "Delete")) },
     ],
     items,
@@ -78,9 +78,9 @@ function eventPager(app, levelId) {
     pages: app.api.pages("/v1/geofence-events", { limit: 50, level_id: levelId }),
     render: (items) => table(
       [
-        { head: "Time", cell: (one) => dateTime(one.t_ms) },
+        { head: "Time", cell: (one) => moment(one.t_ms) },
         { head: "Session", cell: (one) => h("a", { href: `#/sessions/${one.session_id}`, title: one.session_id }, shortId(one.session_id)) },
-        { head: "", cell: (one) => new Map(EVENTS).get(one.kind) },
+        { head: "Event", cell: (one) => new Map(EVENTS).get(one.kind) },
         { head: "Geofence", cell: (one) => one.geofence_name },
         { head: "Probability", number: true, cell: (one) => percent(one.probability) },
         { head: "Stayed", number: true, cell: (one) => (one.dwell_s === null ? "–" : duration(one.dwell_s)) },

@@ -156,7 +156,7 @@ class LevelPage {
         ["Expected error, 90 %", unit(found.mean_error.p90_m, "m", 2)],
         ["Cells where walks disagree", found.conflict && `${found.conflict.conflict_cells} of ${found.conflict.shared_cells}`],
         ["Node distance", unit(map.cell_m, "m")],
-        ["Repeatability", map.noise_sd.map((value) => value.toFixed(1)).join(", ") + " µT"],
+        ["Repeatability: east, north, up", map.noise_sd.map((value) => value.toFixed(1)).join(", ") + " µT"],
       ]);
     });
   }

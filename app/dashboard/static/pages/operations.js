@@ -1,5 +1,6 @@
 // Operations: how the service does, in tables and charts that can be narrowed down and taken home.
 
+import { levelNames } from "./level_names.js";
 import { SECTIONS } from "../operations/sections.js";
 import { download, fill, h, icon, select, toastError } from "../ui.js";
 
@@ -42,13 +43,13 @@ export async function render(root, params, app) {
 async function loadNames(app) {
   const [venues, levels, devices, methods] = await Promise.all([
     app.api.all("/v1/venues", {}, { most: 1000 }),
-    app.api.all("/v1/levels", {}, { most: 2000 }),
+    levelNames(app),
     app.api.all("/v1/devices", {}, { most: 1000 }),
     app.api.get("/v1/methods"),
   ]);
   const called = (items) => new Map(items.map((one) => [one.id, one.name]));
   return {
-    venue_id: called(venues), level_id: called(levels), device_id: called(devices),
+    venue_id: called(venues), level_id: new Map([...levels].map(([id, { name }]) => [id, name])), device_id: called(devices),
     method: new Map(methods.items.map((one) => [one.name, one.name])),
   };
 }
@@ -79,6 +80,7 @@ function show(app, section, body, chosen, names, charts) {
   charts.set(section, mine);
   const context = {
     by: apart(chosen.by, names),
+    level: (id) => names.level_id.get(id),
     keep: (chart) => { mine.push(chart); return chart; },
   };
   fill(body, async () => {

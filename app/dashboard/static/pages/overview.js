@@ -39,14 +39,18 @@ function figureTiles(card, app) {
     Object.assign(names, { fixes: "fixes/s, last minute", queue: "segments waiting", inside: "of places in 95 % ellipses", error: "p90 error, 7 days" });
   }
   const tiles = Object.fromEntries(Object.entries(names).map(([key, name]) => [key, figure("–", name)]));
-  const graph = h("div", { class: "spark-place" });
-  card.append(h("div", { class: "figures" }, Object.values(tiles)), graph);
+  const graph = h("div", {});
+  const place = h("div", { class: "spark-place", hidden: true }, graph, h("p", { class: "soft small" }, "fixes/s, last hour"));
+  card.append(h("div", { class: "figures" }, Object.values(tiles)), place);
   return {
     set(key, value) {
       const text = tiles[key]?.firstChild;
       if (text && text.textContent !== value) text.textContent = value;
     },
-    graph,
+    draw(line) {
+      place.hidden = false;
+      replace(graph, line);
+    },
   };
 }
 
@@ -99,7 +103,7 @@ function watchService(side, app, tiles) {
     // the minute that has just begun says nothing yet
     tiles.set("fixes", fixed(rates.at(-2) ?? 0));
     tiles.set("queue", number(backlog.items.find((row) => row.kind === "locate_segment").queued));
-    replace(tiles.graph, spark(rates.slice(0, -1), "Fixes a second over the last hour"));
+    tiles.draw(spark(rates.slice(0, -1), "Fixes a second over the last hour"));
   });
   repeat(app, SELDOM_MS, async () => {
     replace(alarms, alarmList((await app.api.get("/v1/stats/alarms")).items, hrefOf));
@@ -120,7 +124,7 @@ function recentSurveys(side, app, levels) {
     if (!items.length) return replace(place, h("p", { class: "soft" }, "No surveys yet."));
     return replace(place, table(
       [
-        { head: "Survey", cell: (one) => one.name },
+        { head: "Survey", cell: (one) => h("a", { href: `#/surveys/${one.id}` }, one.name) },
         { head: "Level", cell: (one) => h("a", { href: `#/levels/${one.level_id}` }, levels.get(one.level_id)?.name ?? one.level_id) },
         { head: "Walks", cell: (one) => number(one.n_walks), number: true },
         { head: "Begun", cell: (one) => ago(one.created_at) },

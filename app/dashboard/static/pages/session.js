@@ -1,6 +1,6 @@
 // One session: live as its fixes come, and again as often as you like.
 
-import { statusColour } from "../overview/marks.js";
+import { ellipse95, statusColour, STATUS_WORDS } from "../overview/marks.js";
 import {
   aboutCard, calibrationCard, contributionsCard, downloadsCard, eventsCard, hypothesesList, listCard, truthCard,
 } from "../session/cards.js";
@@ -12,6 +12,7 @@ import { confirm, fixed, h, metres, problem, replace, shortId, toast, toastError
 
 export const title = (params) => `Session ${shortId(params.session_id)}`;
 
+const LISTS_MS = 5000;
 const BADGES = { accent: "good", warn: "warn", bad: "bad", fourth: "warn", soft: "" };
 
 export async function render(root, params, app) {
@@ -59,6 +60,7 @@ class SessionPage {
 
   #ended = new AbortController();
   #gone = false;
+  #timer = 0;
 
   /** Draw what is there, then follow what comes. */
   async begin() {
@@ -73,6 +75,7 @@ class SessionPage {
   destroy() {
     this.#gone = true;
     this.#ended.abort();
+    clearTimeout(this.#timer);
     for (const part of [this.player, this.stage, this.profile]) part.destroy();
   }
 
@@ -96,17 +99,16 @@ class SessionPage {
   }
 
   #words(fix) {
-    const badge = h("span", { class: `badge ${BADGES[statusColour(fix.status)]}` }, `${fix.status.replace("_", " ")}${fix.sure ? ", sure" : ""}`);
-    const spread = Math.sqrt(5.991 * Math.max(fix.cov_xx, fix.cov_yy));
+    const badge = h("span", { class: `badge ${BADGES[statusColour(fix.status)]}`, title: STATUS_WORDS[fix.status] }, `${fix.status.replace("_", " ")}${fix.sure ? ", sure" : ""}`);
     const more = fix.walk_on_m ? ` · walk on about ${metres(fix.walk_on_m)}` : "";
-    return [badge, " ", h("b", {}, `x ${fixed(fix.x)} m, y ${fixed(fix.y)} m`), ` ± ${metres(spread)} · heading ${fixed(fix.heading_deg, 0)}°${more}`];
+    return [badge, " ", h("b", {}, `x ${fixed(fix.x)} m, y ${fixed(fix.y)} m`), ` ± ${metres(ellipse95(fix).major)} (95\u202f%) · heading ${fixed(fix.heading_deg, 0)}°${more}`];
   }
 
   // The stream ends by itself when the session is closed, and must not be opened once more then.
   #follow() {
     this.#setState("connecting", "warn");
     return this.app.api.events(`/v1/sessions/${this.session.id}/events`, {
-      fixes: (page) => { this.log.append(page); this.#grown(); },
+      fixes: (page) => { this.log.append(page); this.#grown(); this.#listsSoon(); },
       session: (session) => this.#closed(session),
     }, {
       lastId: this.log.length ? this.log.last : null,
@@ -135,8 +137,13 @@ class SessionPage {
     });
     listCard(this.events, async () => (await api.get("/v1/geofence-events", { session_id: id, limit: 100 })).items, eventsCard);
     if (this.session.contributes && account.may("survey")) {
-      listCard(this.contributions, async () => [await api.all("/v1/contributions", { session_id: id })], ([items]) => contributionsCard(this.session, items));
+      listCard(this.contributions, async () => [await api.all("/v1/contributions", { session_id: id }), this.session.status], ([items]) => contributionsCard(this.session, items));
     }
+  }
+
+  // Known positions and events come after the fixes that they belong to.
+  #listsSoon() {
+    this.#timer ||= setTimeout(() => { this.#timer = 0; this.#lists(); }, LISTS_MS);
   }
 
   #setState(words, kind) {

@@ -1,7 +1,7 @@
 // Surveys: the list, by level, and making one.
 
 import { ago, dialog, empty, form, h, icon, pager, select, table, toast } from "../ui.js";
-import { levelNames, levelOptions } from "./level_names.js";
+import { levelNames, levelOptions, noLevels } from "./level_names.js";
 
 export const title = "Surveys";
 
@@ -15,7 +15,7 @@ export async function render(root, params, app) {
     empty: empty(
       levelId ? "No surveys of this level" : "No surveys yet",
       "A survey holds walks with known positions; maps are built from them.",
-      createButton(app, names, levelId),
+      names.size ? createButton(app, names, levelId) : noLevels(),
     ),
   }));
   const choose = (id) => {

@@ -8,6 +8,7 @@ import {
 const TRACKS = [["geojson", "GeoJSON", ".geojson"], ["mf-json", "MF-JSON", ".mf.json"], ["gpx", "GPX", ".gpx"], ["csv", "CSV", ".csv"]];
 const KINDS = [["filtered", "as told then"], ["fixed_lag", "told 5 s later"], ["smoothed", "smoothed"]];
 const RAW = [["csv", "CSV"], ["msgpack", "MessagePack"]];
+const EVENTS = { enter: "enters", leave: "leaves", dwell: "dwells" };
 const SIDES = ["Forward", "Left", "Up"];
 
 /** What was said when the session was opened. */
@@ -17,7 +18,7 @@ export function aboutCard(session, { venue, device }) {
     ["Venue", h("a", { href: `#/venues/${venue.id}` }, venue.name)],
     ["Device", device ? link(`/devices/${device.id}`, device.name) : "none named"],
     ["Method", session.method],
-    ["Known at the start", prior.x === null ? "the place only" : `within ${metres(prior.radius_m)} of ${fixed(prior.x)}, ${fixed(prior.y)}`],
+    ["Known at the start", prior.x === null ? "the place only" : `within ${metres(prior.radius_m)} of ${placeText(prior)}`],
     ["Opened", dateTime(session.created_at)],
     ["Closed", session.closed_at && dateTime(session.closed_at)],
     ["Offers to the map", session.contributes ? "yes" : "no"],
@@ -40,9 +41,13 @@ export function calibrationFacts(one) {
   const largest = Math.max(...one.soft_iron.map(Math.abs));
   return facts([
     ...SIDES.map((side, i) => [`${side}, µT`, withSpread(one.offset[i], one.offset_sd[i])]),
-    ["Stride", withSpread(one.stride_scale, one.stride_scale_sd, 2)],
-    ["Soft iron, largest", percent(largest, 1)],
+    ["Stride, factor", withSpread(one.stride_scale, one.stride_scale_sd, 2)],
+    ["Soft iron, at most", percent(largest, 1)],
   ]);
+}
+
+function placeText({ x, y }) {
+  return `x ${fixed(x)} m, y ${fixed(y)} m`;
 }
 
 function withSpread(value, spread, decimals = 1) {
@@ -60,7 +65,7 @@ export function truthCard(points) {
     table(
       [
         { head: "Time", cell: (one) => timeOfDay(one.t_ms) },
-        { head: "Place", cell: (one) => `${fixed(one.x)}, ${fixed(one.y)}` },
+        { head: "x, y, m", cell: (one) => `${fixed(one.x)}, ${fixed(one.y)}` },
         { head: "Error", number: true, cell: (one) => (one.fix ? metres(one.fix.error_m) : "–") },
         { head: "In the ellipse", cell: (one) => (one.fix ? h("span", { class: `badge ${one.fix.inside ? "good" : "bad"}` }, one.fix.inside ? "yes" : "no") : h("span", { class: "soft" }, one.settled ? "no fix near" : "waiting")) },
       ],
@@ -75,7 +80,7 @@ export function eventsCard(events) {
   return card("Geofences", table(
     [
       { head: "Time", cell: (one) => timeOfDay(one.t_ms) },
-      { head: "", cell: (one) => one.kind },
+      { head: "Event", cell: (one) => EVENTS[one.kind] ?? one.kind },
       { head: "Geofence", cell: (one) => one.geofence_name },
       { head: "Probability", number: true, cell: (one) => percent(one.probability) },
     ],
@@ -107,7 +112,7 @@ export function hypothesesList(levelName) {
         {},
         h("b", {}, percent(one.weight)),
         h("progress", { max: 1, value: one.weight, "aria-hidden": "true" }),
-        h("span", {}, `${levelName(one.level_id)} ${fixed(one.x)}, ${fixed(one.y)}`),
+        h("span", {}, `${levelName(one.level_id)}, ${placeText(one)}`),
       )));
     },
   };
@@ -134,25 +139,34 @@ export function downloadsCard(app, session, anchored) {
   const tracks = TRACKS.map(([format, words, suffix]) => {
     const made = button(words, `${path}/track`, () => ({ format, kind }), () => `${session.id}${kind === "filtered" ? "" : `-${kind}`}${suffix}`);
     // without an anchor nobody knows where on Earth the plan lies
-    if (!anchored && format !== "csv") Object.assign(made, { disabled: true, title: "The venue has no anchor" });
+    if (!anchored && format !== "csv") made.disabled = true;
     return made;
   });
+  const why = !anchored && h("p", { class: "soft small" }, "The others need the venue’s place on Earth: ", h("a", { href: `#/venues/${session.venue_id}` }, "give its latitude and longitude"), ".");
   const raw = RAW.map(([format, words]) => button(words, `${path}/samples`, () => ({ format }), () => `${session.id}-samples.${format}`));
   return card(
     "Files",
     select("Track", KINDS, kind, (value) => { kind = value; }),
     h("div", { class: "row start" }, tracks),
+    why,
     h("p", { class: "labelled" }, h("b", { class: "small" }, "Raw samples")),
     h("div", { class: "row start" }, raw),
   );
 }
 
-/** Fill a place with a card of a list, or leave it empty where there is nothing to show. */
-export function listCard(place, read, draw) {
-  return fill(place, async () => {
+const listed = new WeakMap();
+
+/** Fill a place with a card of a list, or leave it empty where there is nothing to show; the same list is left as it stands. */
+export async function listCard(place, read, draw) {
+  try {
     const items = await read();
-    return items.length ? draw(items) : h("div", { hidden: true });
-  });
+    const text = JSON.stringify(items);
+    if (listed.get(place) === text) return;
+    await fill(place, () => (items.length ? draw(items) : h("div", { hidden: true })));
+    listed.set(place, text);
+  } catch (error) {
+    await fill(place, () => { throw error; });
+  }
 }
 
 function card(name, ...children) {

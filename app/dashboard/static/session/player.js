@@ -1,13 +1,12 @@
 // Time of a session: a strip of its status, and a player that goes through it or follows what comes.
 
-import { statusColour } from "../overview/marks.js";
+import { statusColour, STATUS_WORDS as WORDS } from "../overview/marks.js";
 import { colour, onTheme } from "../theming.js";
 import { duration, h, icon, replace, select, timeOfDay } from "../ui.js";
 import { statusRuns } from "./fixes.js";
 
 const SPEEDS = [1, 2, 5, 10, 30, 100];
 const FRAME_MS = 50;
-const WORDS = { ok: "position known", ambiguous: "several places fit", insufficient: "not yet known", off_map: "off the map", disturbed: "disturbed" };
 
 /** Play, pause, speed, scrub, live. `onchange(index)` whenever another fix is the one of now. */
 export class Player {
@@ -94,7 +93,6 @@ export class Player {
 
   #show(t) {
     this.t = t;
-    this.slider.value = (t - this.log.start) / 1000;
     this.#tell();
     const index = this.log.at(t);
     if (index === this.index) return;
@@ -107,6 +105,7 @@ export class Player {
     const words = this.log.length ? `${duration(Math.max(0, gone))} of ${duration(all)}` : "no position yet";
     if (this.clock.textContent !== words) this.clock.textContent = words;
     this.clock.title = this.log.length ? timeOfDay(this.t) : "";
+    this.slider.value = gone;
     this.slider.setAttribute("aria-valuetext", words);
     this.strip.setNow(this.log.length > 1 ? gone / all : 0);
   }

@@ -93,8 +93,8 @@ export class ProfileCard {
     const at = this.now === undefined ? [] : [this.#seconds(this.now)];
     return {
       showlegend: true,
-      xaxis: { title: { text: "s" } },
-      yaxis: { title: { text: "µT" } },
+      xaxis: { title: { text: "time since the start, s" } },
+      yaxis: { title: { text: "field, µT" } },
       shapes: at.map((x) => ({ type: "line", xref: "x", yref: "paper", x0: x, x1: x, y0: 0, y1: 1, line: { width: 1, dash: "dash", color: "gray" } })),
     };
   }

@@ -50,7 +50,9 @@ export class SessionStage {
 
   /** Known positions, once they are there. */
   setTruth(points) {
-    this.truth = truthLayer(points);
+    const shown = this.truth?.visible ?? true;
+    if (this.truth) this.view?.remove(this.truth);
+    this.truth = Object.assign(truthLayer(points), { visible: shown });
     this.truth.sessionLevel = this.session.level_id;
     this.#put(this.truth);
     this.#drawSwitches();

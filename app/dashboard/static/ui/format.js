@@ -56,9 +56,10 @@ export function bytes(value) {
 /** Seconds as people say them: 4.2 s, 3 min 20 s, 2 h 5 min. */
 export function duration(seconds) {
   if (!Number.isFinite(seconds)) return NONE;
-  if (seconds < 60) return unit(seconds, "s", 2);
-  const minutes = Math.floor(seconds / 60);
-  if (minutes < 60) return `${minutes}\u202fmin ${Math.round(seconds % 60)}\u202fs`;
+  if (seconds < 59.5) return unit(seconds, "s", 2);
+  const whole = Math.round(seconds);
+  const minutes = Math.floor(whole / 60);
+  if (minutes < 60) return `${minutes}\u202fmin ${whole % 60}\u202fs`;
   return `${Math.floor(minutes / 60)}\u202fh ${minutes % 60}\u202fmin`;
 }
 
@@ -66,6 +67,12 @@ export function duration(seconds) {
 export function dateTime(value) {
   if (value === null || value === undefined) return NONE;
   return formatter(Intl.DateTimeFormat, { dateStyle: "medium", timeStyle: "short" }).format(new Date(value));
+}
+
+/** Day and time with seconds: where several things happen in a minute. */
+export function moment(value) {
+  if (value === null || value === undefined) return NONE;
+  return formatter(Intl.DateTimeFormat, { dateStyle: "medium", timeStyle: "medium" }).format(new Date(value));
 }
 
 /** Time of day with seconds. */
@@ -83,12 +90,12 @@ const AGES = [
   [Infinity, "year", 31_536_000],
 ];
 
-/** How long ago, in words. */
-export function ago(value, now = Date.now()) {
+/** How long ago, in words; "short" ones where there is little room. */
+export function ago(value, style = "long", now = Date.now()) {
   if (value === null || value === undefined) return NONE;
   const seconds = (now - new Date(value).getTime()) / 1000;
   const [, name, size] = AGES.find(([limit]) => Math.abs(seconds) < limit);
-  return formatter(Intl.RelativeTimeFormat, { numeric: "auto" }).format(-Math.round(seconds / size), name);
+  return formatter(Intl.RelativeTimeFormat, { numeric: "auto", style }).format(-Math.round(seconds / size), name);
 }
 
 /** The end of an id, enough to tell it from its neighbours. */

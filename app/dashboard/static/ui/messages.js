@@ -88,6 +88,8 @@ export function dialog(title, content, { wide = false } = {}) {
     });
     document.body.append(box);
     box.showModal();
+    // a form is there to be filled in; below a plan it waits
+    if (box.children[1]?.matches("form")) box.querySelector("form :is(input, select, textarea):enabled")?.focus();
   });
 }
 
