@@ -144,6 +144,7 @@ def test_a_walk_without_waypoints_is_mended_on_the_plan(
     expect(recordings.get_by_text(re.compile(r"^[1-9]\d* messages$"))).to_be_visible()
     recordings.get_by_role("button", name="End now").click()
     expect(recordings.get_by_text("waiting", exact=True)).to_be_visible()
+    expect(recordings.get_by_role("button", name="End now")).to_have_count(0)
     give = recordings.get_by_role("button", name="Give waypoints")
     (cell, table) = (give.bounding_box(), recordings.get_by_role("region", name="Recordings").bounding_box())
     assert cell is not None

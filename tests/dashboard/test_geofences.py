@@ -43,6 +43,8 @@ def test_a_geofence_is_drawn_and_deleted(dashboard: Dashboard, service: Service,
     page.get_by_role("button", name="Delete Middle").click()
     page.get_by_role("dialog").get_by_role("button", name="Delete").click()
     expect(page.get_by_role("cell", name="Middle", exact=True)).to_have_count(0)
+    # the button is gone: the focus stays in its card
+    expect(page.locator("section[aria-label=Geofences]")).to_be_focused()
 
 
 def test_who_entered_is_listed_with_its_session(dashboard: Dashboard, service: Service, floor: Floor) -> None:

@@ -1,11 +1,13 @@
 // The shell: sign-in, navigation, and a router that draws one page at a time.
 
 import { forget, signIn, storedSecret } from "./account.js";
+import { keepFocus } from "./focus.js";
 import { HOME, pages } from "./pages/index.js";
 import { nextTheme, themeName } from "./theming.js";
 import { empty, form, h, icon, loading, problem, replace, toast, toastRegion } from "./ui.js";
 
 const main = h("main", { id: "main", tabindex: "-1" });
+keepFocus(main);
 const announcer = h("div", { class: "visually-hidden", "aria-live": "polite", role: "status" });
 let account = null;
 let leave = () => {};

@@ -80,7 +80,7 @@ function actions(app, one, look) {
   const place = async () => { if (await placeWalk(app, one)) app.reload(); };
   return [
     one.state === "waiting" && app.account.may("survey") && h("button", { type: "button", class: "small primary", onclick: place }, "Give waypoints"),
-    one.state !== "closed" && h("button", { type: "button", class: "small", onclick: end }, "End now"),
+    one.state === "open" && h("button", { type: "button", class: "small", onclick: end }, "End now"),
   ];
 }
 
