@@ -50,17 +50,34 @@ def host_and_port(text: str, default_host: str | None = None) -> tuple[str, int]
     return host, int(port)
 
 
+@dataclass(slots=True)
+class Stop:
+    """Whether somebody asked for the end."""
+
+    asked: bool = False
+
+    def check(self) -> None:
+        """End the block now, if that was asked for."""
+        if self.asked:
+            raise KeyboardInterrupt
+
+
 @contextmanager
-def until_stopped() -> Iterator[None]:
-    """Ctrl-C and SIGTERM end the block, quietly; what stands behind it is still done."""
+def until_stopped() -> Iterator[Stop]:
+    """Ctrl-C and SIGTERM end the block, quietly; what stands behind it is still done.
+
+    A loop should check what it is given: an exception raised while something is being cleaned up is lost.
+    """
+    stop = Stop()
 
     def leave(_number: int, _frame: FrameType | None) -> None:
-        raise KeyboardInterrupt
+        stop.asked = True
+        stop.check()
 
     main = threading.current_thread() is threading.main_thread()
     before = signal.signal(signal.SIGTERM, leave) if main else None
     try:
-        yield
+        yield stop
     except KeyboardInterrupt:
         say("stopped")
     finally:
@@ -107,8 +124,9 @@ def run_bridge(
     account = Account()
     places: dict[str, Georeference] = {}
     try:
-        with until_stopped():
+        with until_stopped() as stop:
             for batch in feed.batches():
+                stop.check()
                 for told in batch:
                     if told.session.id not in places:
                         places = {told.session.id: Georeference(anchored(told), sure_only)}

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import math
 import os
+import signal
 import socket
 import threading
 import xml.etree.ElementTree as ET
@@ -19,7 +21,7 @@ from hypothesis import strategies as st
 from isodyn_client.bridges import Georeference
 from isodyn_client.follow import Follower
 
-from app.cli.bridging import host_and_port, read_tokens
+from app.cli.bridging import host_and_port, read_tokens, until_stopped
 from app.cli.convert import samples_of
 from app.cli.errors import InputFileError
 from app.engine.geodesy import TangentPlane
@@ -126,7 +128,8 @@ def test_a_bridge_follows_a_device_and_stops_on_request(
                 for _ in range(2):
                     next(pieces)
                     received.append(receiver.recv(300))
-            os.kill(os.getpid(), 15)
+                # while the session goes on: the bridge waits for more
+                os.kill(os.getpid(), 15)
 
         driver = threading.Thread(target=drive)
         driver.start()
@@ -136,6 +139,15 @@ def test_a_bridge_follows_a_device_and_stops_on_request(
     assert len(received) == 2
     assert "stopped" in done.stderr
     assert "fixes passed on" in done.stderr
+
+
+def test_a_request_to_stop_is_not_lost_while_something_is_cleaned_up() -> None:
+    """An exception out of a signal handler vanishes if it is raised in a finalizer."""
+    with until_stopped() as stop:
+        with contextlib.suppress(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGTERM)
+        stop.check()
+        pytest.fail("the loop went on")
 
 
 def test_a_venue_without_an_anchor_is_explained(service: Service, surveyed: Surveyed) -> None:
