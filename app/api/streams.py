@@ -33,6 +33,8 @@ STALLED_S = 60.0
 GATHER_S = 0.05
 """Changes of many sessions are gathered so long: one query and one write for all of them."""
 RETRY_AFTER_S = 5.0
+MAX_NUMBER = 10**15
+"""Larger numbers are of no fix."""
 _MAX_TOLD = 10 * MAX_LIVE
 """A watcher that stays for weeks must not remember every session of that time."""
 

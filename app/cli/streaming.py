@@ -221,12 +221,12 @@ def stream_lines(pump: Pump, uploader: isodyn.Uploader, source: Lines, teller: T
     sender = threading.Thread(target=send, name="uploader")
     sender.start()
     try:
-        with until_stopped():
+        with until_stopped() as stop:
             pump.run(source)
             finished.set()
             # not by join(): an interrupted one takes the thread for ended (bpo-45274)
             while not over.wait(0.2):
-                pass
+                stop.check()
     finally:
         # who stops it wants the last segment sent, too, if the network is there
         finished.set()

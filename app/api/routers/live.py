@@ -13,14 +13,13 @@ from app.api.auth import needs, secret_of
 from app.api.deps import ContextDep
 from app.api.responses import guarded
 from app.api.routing import api_router
-from app.api.streams import EVENT_STREAM, answer, live_events, open_watch, session_events
+from app.api.streams import EVENT_STREAM, MAX_NUMBER, answer, live_events, open_watch, session_events
 from app.engine.types import FixKind
 from app.services.errors import InvalidError
 from app.services.records import Scope
 
 router = api_router("live")
 
-_MAX_NUMBER = 10**15
 _NUMBER = re.compile(r"-1|[0-9]{1,16}")
 
 
@@ -43,7 +42,7 @@ async def follow_session(
     request: Request,
     context: ContextDep,
     after: Annotated[
-        int | None, Query(ge=-1, le=_MAX_NUMBER, description="Number of the last fix you have; -1: from the start.")
+        int | None, Query(ge=-1, le=MAX_NUMBER, description="Number of the last fix you have; -1: from the start.")
     ] = None,
     kind: Annotated[
         Literal[FixKind.FILTERED, FixKind.FIXED_LAG], Query(description="As of `GET .../positions`.")
